@@ -1,0 +1,211 @@
+// app/headless.cpp: the preview without a window: frames until an end is reached, then one picture and one report.
+#include <algorithm>
+#include <chrono>
+#include <csignal>
+#include <cstdio>
+#include <deque>
+
+#include <nlohmann/json.hpp>
+#include <sys/resource.h>
+#include <unistd.h>
+
+#include "app/options.hpp"
+#include "app/preview/context.hpp"
+#include "app/preview/preview.hpp"
+#include "app/result.hpp"
+#include "bake/error.hpp"
+#include "bake/program.hpp"
+
+namespace selvedge {
+namespace {
+
+constexpr const char* program = "selvedge-lookdev";
+
+using Clock = std::chrono::steady_clock;
+
+double seconds_since(Clock::time_point start) { return std::chrono::duration<double>(Clock::now() - start).count(); }
+
+volatile std::sig_atomic_t interrupted = 0;
+
+// Lets the driver work one frame ahead, no further, and tells how long frames take.
+class Pace {
+public:
+    // After a frame has been drawn: waits until the one before it is on the film.
+    void frame_drawn()
+    {
+        fences.push_back(gl.FenceSync(GL_SYNC_GPU_COMMANDS_COMPLETE, 0));
+        if (fences.size() > 1) wait_for_oldest();
+    }
+    void finish()
+    {
+        while (!fences.empty()) wait_for_oldest();
+    }
+    ~Pace()
+    {
+        for (const GLsync fence : fences) gl.DeleteSync(fence);
+    }
+    std::vector<double> milliseconds; // of every finished frame
+
+private:
+    void wait_for_oldest()
+    {
+        // A driver may bound one wait; a frame may take longer.
+        while (true) {
+            const GLenum state = gl.ClientWaitSync(fences.front(), GL_SYNC_FLUSH_COMMANDS_BIT, 1'000'000'000);
+            if (state == GL_WAIT_FAILED) check_gl("waiting for a frame");
+            if (state != GL_TIMEOUT_EXPIRED) break;
+        }
+        gl.DeleteSync(fences.front());
+        fences.pop_front();
+        const Clock::time_point now = Clock::now();
+        milliseconds.push_back(std::chrono::duration<double, std::milli>(now - last).count());
+        last = now;
+    }
+
+    std::deque<GLsync> fences;
+    Clock::time_point last = Clock::now();
+};
+
+double quantile(std::vector<double> values, double q)
+{
+    if (values.empty()) return 0;
+    const auto rank = static_cast<std::ptrdiff_t>(q * static_cast<double>(values.size() - 1) + 0.5);
+    std::nth_element(values.begin(), values.begin() + rank, values.end());
+    return values[static_cast<std::size_t>(rank)];
+}
+
+// Draws frames until one of the ends is reached, one at least. Returns which.
+const char* draw_frames(Preview& preview, const LookdevOptions& options, Pace& pace, bool progress)
+{
+    const Clock::time_point start = Clock::now();
+    std::uint32_t blocks_judged = 0;
+    double last_line = 0;
+    const char* stopped_by = "signal";
+    while (!interrupted) {
+        preview.draw_frame();
+        pace.frame_drawn();
+        const std::uint32_t frames = preview.frames();
+        const double seconds = seconds_since(start);
+        // Only now is it known how many frames a time is worth. The first one has compiled the shaders and does not count.
+        if (options.time_s > 0 && frames == 3) {
+            const double fit = std::clamp(options.time_s * 1e3 / std::max(pace.milliseconds.back(), 1e-3), 1.0, 1e7);
+            const auto in_time = static_cast<std::uint32_t>(fit);
+            preview.plan(options.frames > 0 ? std::min(options.frames, in_time) : in_time);
+        }
+        if (progress && seconds - last_line > 0.25) {
+            std::fprintf(stderr, "\r%u frames, %.1f s", frames, seconds);
+            last_line = seconds;
+        }
+        if (options.frames > 0 && frames >= options.frames) {
+            stopped_by = "samples";
+            break;
+        }
+        if (options.time_s > 0 && seconds >= options.time_s) {
+            stopped_by = "time";
+            break;
+        }
+        // Reading the picture waits for the driver: after 4 blocks, then at a quarter more each time.
+        const std::uint32_t blocks = frames / preview.block_length();
+        if (options.target_error > 0 && blocks >= 4 && blocks > blocks_judged + blocks_judged / 4) {
+            blocks_judged = blocks;
+            if (error_estimate(result_of(preview.read())) <= options.target_error) {
+                stopped_by = "error";
+                break;
+            }
+        }
+    }
+    pace.finish();
+    if (progress) std::fprintf(stderr, "\r\33[K");
+    return stopped_by;
+}
+
+} // namespace
+
+int run_headless(const LookdevOptions& options)
+{
+    Scene scene = load_scene(options.scene, options.overrides);
+    if (options.resolution) scene.film.resolution = *options.resolution;
+    scene.settings = {options.bsdf, options.mode, options.visibility};
+    if (!options.quiet)
+        for (const std::string& warning : scene.warnings) std::fprintf(stderr, "%s: warning: %s\n", program, warning.c_str());
+
+    const Clock::time_point build_start = Clock::now();
+    const auto context = Context::create(options.backend);
+    PreviewOptions preview_options;
+    preview_options.settings = scene.settings;
+    preview_options.seed = options.seed;
+    preview_options.footprint_samples = options.footprint_samples;
+    // Blocks are as long as the number of frames allows, at least 16 of them; where only the error is known, 16 frames a
+    // block; where only the time is known, draw_frames() finds out.
+    preview_options.planned = options.frames > 0 ? options.frames : options.target_error > 0 ? 256 : 0;
+    Preview preview(scene, context->info, scene.film.resolution, preview_options);
+    gl.Finish();
+    const double seconds_build = seconds_since(build_start);
+
+    for (const int signal : {SIGINT, SIGTERM})
+        std::signal(signal, [](int number) {
+            interrupted = 1;
+            std::signal(number, SIG_DFL); // a second one ends the program at once
+        });
+    const Clock::time_point start = Clock::now();
+    Pace pace;
+    const char* stopped_by = draw_frames(preview, options, pace, !options.quiet && isatty(STDERR_FILENO) == 1);
+    check_gl("drawing");
+    const double seconds_render = seconds_since(start);
+
+    const RenderResult result = result_of(preview.read());
+    ImageMetadata metadata = options.provenance;
+    metadata["selvedge:scene"] = options.scene;
+    metadata["selvedge:scene_hash"] = scene.hash;
+    metadata["selvedge:seed"] = std::to_string(options.seed);
+    metadata["selvedge:samples"] = std::to_string(preview.frames());
+    metadata["selvedge:seconds"] = format_text("%.9g", seconds_render);
+    metadata["selvedge:integrator"] = "direct";
+    metadata["selvedge:block_length"] = std::to_string(preview.block_length());
+    metadata["selvedge:gl"] = context->info.renderer + ", " + context->info.version;
+    for (const std::string& path : options.outputs) write_result(path, result, scene.film.exposure, metadata);
+
+    const auto pixels = static_cast<std::uint64_t>(result.width) * static_cast<std::uint64_t>(result.height);
+    const double median = quantile(pace.milliseconds, 0.5);
+    // Two blocks at least: below, the variances are 0 and say nothing.
+    const bool estimated = preview.frames() / preview.block_length() >= 2;
+    if (options.json) {
+        rusage usage{};
+        getrusage(RUSAGE_SELF, &usage);
+        const nlohmann::json report = {
+            {"scene", options.scene},
+            {"scene_hash", scene.hash},
+            {"output", options.outputs},
+            {"seconds",
+             {{"load", scene.seconds_load}, {"bake", scene.seconds_bake}, {"build", seconds_build}, {"render", seconds_render}}},
+            {"resolution", {result.width, result.height}},
+            {"integrator", "direct"},
+            {"samples", pixels * preview.frames()},
+            {"spp_mean", preview.frames()},
+            {"block_length", preview.block_length()},
+            {"samples_per_second", static_cast<double>(pixels * preview.frames()) / std::max(seconds_render, 1e-9)},
+            {"rays", nullptr}, // nobody counts them in a shader
+            {"error_estimate", estimated ? nlohmann::json(error_estimate(result)) : nlohmann::json()},
+            {"stopped_by", stopped_by},
+            {"peak_rss_bytes", static_cast<std::uint64_t>(usage.ru_maxrss) * 1024},
+            {"buffer_bytes", preview.buffer_bytes()},
+            {"skipped", preview.skipped()},
+            {"gl",
+             {{"renderer", context->info.renderer}, {"version", context->info.version}, {"backend", context->backend}}},
+            {"frames", preview.frames()},
+            {"footprint_samples", options.footprint_samples},
+            {"milliseconds_per_frame", {{"median", median}, {"p95", quantile(pace.milliseconds, 0.95)}}},
+            {"features", preview.features()},
+            {"passes", preview.pass_names()},
+            {"warnings", scene.warnings},
+        };
+        std::printf("%s\n", report.dump(-1, ' ', false, nlohmann::json::error_handler_t::replace).c_str());
+    } else if (!options.quiet) {
+        std::printf("%s: %d x %d, %u frames in %.2f s, %.3g ms a frame (%s, %s)\n", options.outputs.front().c_str(),
+                    result.width, result.height, preview.frames(), seconds_render, median, context->backend,
+                    context->info.renderer.c_str());
+    }
+    return 0;
+}
+
+} // namespace selvedge

@@ -1,0 +1,157 @@
+// selvedge-lookdev: the OpenGL preview, in a window or headless. Exit 0 done, 1 input, I/O or GL failed, 2 wrong usage.
+#include <cmath>
+#include <cstdio>
+#include <cstdlib>
+#include <set>
+
+#include <CLI/CLI.hpp>
+
+#include "app/options.hpp"
+#include "app/window.hpp"
+#include "bake/error.hpp"
+#include "bake/image.hpp"
+#include "bake/program.hpp"
+#include "reference/film.hpp"
+#include "reference/rays.hpp"
+
+namespace {
+
+using namespace selvedge;
+
+constexpr const char* program = "selvedge-lookdev";
+
+// CLI::Range lets NaN through.
+CLI::Validator between(double low, double high)
+{
+    return {[=](std::string& text) {
+                char* end = nullptr;
+                const double value = std::strtod(text.c_str(), &end);
+                return end != text.c_str() && *end == '\0' && value >= low && value <= high
+                           ? ""
+                           : format_text("found %s, expected %g to %g", text.c_str(), low, high);
+            },
+            ""};
+}
+
+glm::ivec2 parse_resolution(const std::string& text)
+{
+    int x = 0, y = 0, end = 0;
+    if (std::sscanf(text.c_str(), "%d,%d%n", &x, &y, &end) != 2 || text[static_cast<std::size_t>(end)] != '\0' || x < 1 ||
+        y < 1 || x > 16384 || y > 16384)
+        throw UsageError("--resolution: found '%s', expected WIDTH,HEIGHT, each 1 to 16384", text.c_str());
+    return {x, y};
+}
+
+std::string gl_backends()
+{
+    std::string text;
+    for (const auto& [name, backend] : {std::pair{"egl", Backend::egl}, {"osmesa", Backend::osmesa}}) {
+        try {
+            const auto context = Context::create(backend);
+            text += format_text("GL back end %s: %s, %s\n", name, context->info.renderer.c_str(), context->info.version.c_str());
+        }
+        catch (const std::exception& error) {
+            text += format_text("GL back end %s: not available: %s\n", name, error.what());
+        }
+    }
+    return text;
+}
+
+// `later`: words of the contract that this version cannot do; they are refused, never taken for something else.
+int parse_word(const char* option, const std::string& word, std::initializer_list<std::pair<const char*, int>> available,
+               const std::set<std::string>& later = {})
+{
+    std::string known;
+    for (const auto& [name, value] : available) {
+        if (word == name) return value;
+        known += (known.empty() ? "" : ", ") + std::string(name);
+    }
+    throw UsageError("%s: '%s' %s, expected one of %s", option, word.c_str(),
+                     later.count(word) != 0 ? "is not available in the preview yet" : "is unknown", known.c_str());
+}
+
+LookdevOptions parse_options(int argc, char** argv, bool& done)
+{
+    using namespace cloth::f32;
+    LookdevOptions options;
+    std::string resolution, backend = "auto", integrator = "direct", bsdf = "meso", mode = "ours", visibility = "horizon8";
+    bool version = false;
+    CLI::App app("Shows a scene of cloth in a window that converges to the reference; --headless writes the picture.", program);
+    app.add_option("scene", options.scene, "SCENE.json");
+    app.add_flag("--headless", options.headless, "no window: write a picture");
+    app.add_option("-o,--output", options.outputs, "headless: OUT.exr (all layers) or OUT.png (display transform); repeatable")
+        ->allow_extra_args(false);
+    app.add_option("--frames", options.frames, "headless: stop after N frames (one sample of every pixel each)")
+        ->check(between(1, 16777216));
+    app.add_option("--time", options.time_s, "headless: stop after SECONDS of rendering")->check(between(1e-3, 1e9));
+    app.add_option("--target-error", options.target_error, "headless: stop at this estimated relMSE")->check(between(1e-12, 1e6));
+    app.add_option("--resolution", resolution, "WIDTH,HEIGHT instead of the scene's");
+    app.add_option("--backend", backend, "headless: auto (EGL, then OSMesa), egl, osmesa");
+    app.add_option("--integrator", integrator, "direct (path: selvedge-render)");
+    app.add_option("--bsdf", bsdf, "meso, micro (the ply-level baseline without shadowing and masking)");
+    app.add_option("--mode", mode, "ours, paper (how footprint samples are weighted)");
+    app.add_option("--visibility", visibility, "horizon8, none");
+    app.add_option("--footprint-samples", options.footprint_samples, "shaded points of every pixel in a frame (default 1)")
+        ->check(between(1, 64));
+    app.add_option("--seed", options.seed, "of all random numbers (default 0)")->check(between(0, 4294967295.0));
+    app.add_option("-D", options.overrides, "path.to.key=value: overrides a value of the scene or (fabric.KEY) its fabrics")
+        ->allow_extra_args(false);
+    app.add_option("--screenshot", options.screenshot, "window: where F12 writes (default selvedge.png)");
+    app.add_option("--exit-after-frames", options.exit_after_frames, "window: close by itself")->check(between(1, 16777216));
+    app.add_flag("--json", options.json, "headless: one JSON object on stdout");
+    app.add_flag("-q,--quiet", options.quiet, "no progress, no warnings");
+    app.add_flag("-V,--version", version, "version, git revision, libraries, GL back ends");
+    try {
+        app.parse(argc, argv);
+    }
+    catch (const CLI::CallForHelp&) {
+        std::fputs(app.help().c_str(), stdout);
+        done = true;
+        return options;
+    }
+    catch (const CLI::ParseError& error) {
+        throw UsageError("%s", error.what());
+    }
+    if (version) {
+        std::map<std::string, std::string> libraries = image_library_versions();
+        libraries["Embree"] = embree_version();
+        libraries.merge(window_library_versions());
+        std::fputs((version_text(program, libraries) + gl_backends()).c_str(), stdout);
+        done = true;
+        return options;
+    }
+    if (options.scene.empty()) throw UsageError("no scene, expected SCENE.json");
+    if (!resolution.empty()) options.resolution = parse_resolution(resolution);
+    options.backend = parse_backend(backend);
+    parse_word("--integrator", integrator, {{"direct", 0}}, {"path"});
+    options.bsdf = parse_word("--bsdf", bsdf, {{"meso", cloth_bsdf_meso}, {"micro", cloth_bsdf_micro}});
+    options.mode = parse_word("--mode", mode, {{"ours", cloth_mode_ours}, {"paper", cloth_mode_paper}});
+    options.visibility =
+        parse_word("--visibility", visibility, {{"horizon8", cloth_visibility_horizon8}, {"none", cloth_visibility_none}},
+                   {"horizon16", "cap", "asg", "asg-lsq", "exact"});
+    const bool stops = options.frames > 0 || options.time_s > 0 || options.target_error > 0;
+    if (options.headless) {
+        if (options.outputs.empty()) throw UsageError("--headless without -o, expected OUT.exr or OUT.png");
+        if (!stops) throw UsageError("--headless without an end, expected --frames, --time or --target-error");
+        if (options.exit_after_frames > 0 || !options.screenshot.empty())
+            throw UsageError("--exit-after-frames and --screenshot are for the window, found --headless");
+    } else if (stops || !options.outputs.empty() || options.json || backend != "auto") {
+        throw UsageError("-o, --frames, --time, --target-error, --backend and --json need --headless");
+    }
+    for (const std::string& path : options.outputs) check_result_path(path);
+    if (options.screenshot.empty()) options.screenshot = "selvedge.png";
+    options.provenance = provenance(argc, argv);
+    return options;
+}
+
+} // namespace
+
+int main(int argc, char** argv)
+{
+    return run_program(program, [&] {
+        bool done = false;
+        const LookdevOptions options = parse_options(argc, argv, done);
+        if (done) return 0;
+        return options.headless ? run_headless(options) : run_window(options);
+    });
+}

@@ -1,0 +1,53 @@
+// app/preview/passes.hpp: the programs of a frame and how each is drawn. Included by preview.hpp.
+#pragma once
+
+#include <cstddef>
+#include <string>
+#include <vector>
+
+#include <glm/glm.hpp>
+
+#include "gl.hpp"
+#include "scene_buffers.hpp"
+#include "shader_source.hpp"
+#include "targets.hpp"
+
+namespace selvedge {
+
+namespace block {
+using namespace glm;
+#include "glsl/blocks.h"
+static_assert(offsetof(Frame, camera_position) == 0 && offsetof(Frame, camera_forward) == 16);
+static_assert(offsetof(Frame, camera_right) == 32 && offsetof(Frame, camera_up) == 48);
+static_assert(offsetof(Frame, film) == 64 && offsetof(Frame, random) == 80);
+static_assert(offsetof(Frame, settings) == 96 && offsetof(Frame, lights) == 112 && sizeof(Frame) == 128);
+} // namespace block
+
+class Passes {
+public:
+    explicit Passes(const GlInfo& info);
+
+    // Compiles what the scene needs and is not compiled yet.
+    void choose(const SceneBuffers& buffers);
+    void set_frame(const block::Frame& frame);
+
+    void visibility(Targets& targets, const SceneBuffers& buffers);
+    void shade(Targets& targets, const SceneBuffers& buffers);
+    // Folds a complete block into the mean and clears its sum. blocks counts it.
+    void merge(Targets& targets, std::uint32_t block_length, std::uint32_t blocks);
+    void present(const Targets& targets, glm::ivec2 corner, glm::ivec2 size, float block_weight, float mean_weight,
+                 float exposure);
+
+    bool rebuild_if_changed(std::string& complaint); // true: at least one program is another one now
+    const std::vector<std::string>& features() const { return defines; }
+
+private:
+    void draw_screen();
+
+    bool clip_control;
+    std::vector<std::string> defines;
+    ShaderProgram opaque_visibility, gauze_visibility, shading, merging, presenting;
+    GlName frame_block, empty_array;
+};
+
+} // namespace selvedge

@@ -1,0 +1,163 @@
+// app/preview/preview.cpp: frames, blocks, restarts.
+#include "app/preview/preview.hpp"
+
+#include <algorithm>
+#include <cmath>
+
+namespace selvedge {
+
+using namespace cloth::f32;
+
+Preview::Preview(const Scene& from, const GlInfo& gl_info, glm::ivec2 resolution, const PreviewOptions& wanted)
+    : scene(from), info(gl_info), options(wanted), camera(from.camera), buffers(gl_info), passes(gl_info)
+{
+    buffers.upload(scene);
+    passes.choose(buffers);
+    targets.resize(resolution, info);
+    update_near_plane();
+    restart();
+}
+
+void Preview::set_camera(const CameraSpec& wanted)
+{
+    camera = wanted;
+    update_near_plane();
+    restart();
+}
+
+void Preview::set_options(const PreviewOptions& wanted)
+{
+    options = wanted;
+    restart();
+}
+
+void Preview::resize(glm::ivec2 resolution)
+{
+    targets.resize(resolution, info);
+    restart();
+}
+
+void Preview::lights_changed()
+{
+    buffers.upload_lights(scene);
+    restart();
+}
+
+void Preview::yarns_changed()
+{
+    buffers.upload_yarns(scene);
+    restart();
+}
+
+void Preview::scene_changed()
+{
+    buffers.upload(scene);
+    passes.choose(buffers);
+    update_near_plane();
+    restart();
+}
+
+void Preview::restart()
+{
+    targets.clear_accumulation();
+    frame_count = block_count = 0;
+    length = cloth_block_length(options.planned);
+}
+
+void Preview::plan(std::uint32_t planned)
+{
+    if (block_count > 0) return;
+    options.planned = planned;
+    length = cloth_block_length(planned);
+    // What is drawn already is the beginning of the first block.
+    while (length <= frame_count) length *= 2;
+}
+
+// As far away as it may be without cutting anything off, because reversed depth loses digits where near / w is small
+// beside what a triangle has in front of the camera.
+void Preview::update_near_plane()
+{
+    const ClothCamera eye = make_camera(camera, targets.size());
+    const float corner = std::sqrt(1.0f + glm::dot(eye.right, eye.right) + glm::dot(eye.up, eye.up));
+    near_plane = std::clamp(0.5f * SceneBuffers::nearest_distance(scene, camera.position) / corner, 1e-6f, 1e6f);
+}
+
+void Preview::draw_frame()
+{
+    const ClothCamera eye = make_camera(camera, targets.size());
+    const std::uint32_t block_seed = cloth_hash_combine(options.seed, block_count);
+    const std::uint32_t index = frame_count % length;
+    const glm::vec2 offset = cloth_filter_offset(scene.film.filter, cloth_random(block_seed, index, cloth_dim_pixel));
+    block::Frame frame;
+    frame.camera_position = glm::vec4(eye.position, 0);
+    frame.camera_forward = glm::vec4(eye.forward, near_plane);
+    frame.camera_right = glm::vec4(eye.right, 1 / glm::dot(eye.right, eye.right));
+    frame.camera_up = glm::vec4(eye.up, 1 / glm::dot(eye.up, eye.up));
+    frame.film = glm::vec4(eye.resolution, offset);
+    frame.random = glm::uvec4(block_seed, index, static_cast<std::uint32_t>(options.footprint_samples), 0);
+    frame.settings = glm::ivec4(options.settings.bsdf, options.settings.mode, options.settings.visibility,
+                                info.clip_control ? 1 : 0);
+    frame.lights = glm::ivec4(static_cast<int>(scene.lights.size()), scene.environment.size, buffers.node_count);
+    passes.set_frame(frame);
+    buffers.bind_textures();
+    passes.visibility(targets, buffers);
+    targets.bind_textures();
+    passes.shade(targets, buffers);
+    ++frame_count;
+    if (index + 1 == length) passes.merge(targets, length, ++block_count);
+}
+
+void Preview::present(glm::ivec2 corner, glm::ivec2 size, float exposure)
+{
+    const float samples = static_cast<float>(std::max(frame_count, 1u));
+    passes.present(targets, corner, size, 1 / samples, static_cast<float>(block_count * length) / samples, exposure);
+}
+
+PreviewImage Preview::read() const
+{
+    PreviewImage image;
+    image.size = targets.size();
+    image.frames = frame_count;
+    image.blocks = block_count;
+    const std::size_t pixels = static_cast<std::size_t>(image.size.x) * static_cast<std::size_t>(image.size.y);
+    std::vector<glm::vec4> sum(pixels);
+    image.mean.resize(pixels);
+    image.variance.resize(pixels);
+    targets.read(0, &sum[0].x);
+    targets.read(1, &image.mean[0].x);
+    targets.read(2, &image.variance[0].x);
+    const double samples = std::max(frame_count, 1u);
+    const double of_blocks = block_count * length / samples;
+    const double n = block_count;
+    const double of_mean = n > 1 ? 1 / (n * (n - 1)) : 0;
+    for (std::size_t k = 0; k < pixels; ++k) {
+        image.mean[k] = glm::vec4(glm::dvec4(image.mean[k]) * of_blocks + glm::dvec4(sum[k]) / samples);
+        image.variance[k] = glm::vec4(glm::dvec4(image.variance[k]) * of_mean);
+    }
+    return image;
+}
+
+std::string Preview::reload_shaders()
+{
+    std::string complaint;
+    if (passes.rebuild_if_changed(complaint)) restart();
+    return complaint;
+}
+
+std::vector<std::string> Preview::features() const { return passes.features(); }
+
+std::map<std::string, bool> Preview::skipped() const
+{
+    return {{"gaps", !buffers.has_gaps}, {"fabric", !buffers.has_fabric}, {"matte", !buffers.has_matte}};
+}
+
+std::vector<std::string> Preview::pass_names() const
+{
+    std::vector<std::string> names;
+    if (!buffers.opaque.empty()) names.emplace_back("visibility");
+    if (!buffers.gauze.empty()) names.emplace_back("visibility-gaps");
+    for (const char* name : {"shade", "merge"}) names.emplace_back(name);
+    return names;
+}
+
+} // namespace selvedge

@@ -1,0 +1,50 @@
+// app/preview/scene_buffers.hpp: a scene as the shaders read it: buffer textures, environment, vertex arrays. The layouts
+// are those of glsl/cloth_fetch.h, glsl/scene_buffers.h and glsl/trace.h. Included by app/preview/preview.cpp.
+#pragma once
+
+#include <cstdint>
+#include <vector>
+
+#include "gl.hpp"
+#include "reference/scene.hpp"
+
+namespace selvedge {
+
+// Parts that change on their own are uploaded on their own. Scenes are not kept: every call is given the one to read.
+class SceneBuffers {
+public:
+    explicit SceneBuffers(const GlInfo& of_driver) : info(of_driver) {}
+
+    // throws std::runtime_error where the scene exceeds a limit of the driver, naming both
+    void upload(const Scene& scene);         // everything
+    void upload_yarns(const Scene& scene);   // same count as before
+    void upload_lights(const Scene& scene);  // lights and environment
+
+    void bind_textures() const;
+    void bind_object(std::size_t index) const; // vertex array of an object
+    GLsizei index_count(std::size_t index) const { return objects[index].index_count; }
+    std::size_t bytes() const;
+
+    bool has_gaps = false, has_fabric = false, has_matte = false;
+    std::vector<std::size_t> opaque, gauze; // objects by whether rays may pass through
+    int node_count = 0;                     // of the BVH
+
+    // Distance from a point to the nearest triangle [m]; large where there is none.
+    static float nearest_distance(const Scene& scene, glm::vec3 point);
+
+private:
+    void upload_fabrics(const Scene& scene); // maps, yarns, and the objects' references to them
+    void upload_bvh(const Scene& scene);
+
+    struct Object {
+        GlName vertices, indices, array;
+        GLsizei index_count = 0;
+    };
+
+    GlInfo info;
+    std::vector<Object> objects;
+    BufferTexture map_words, slope_words, yarn_table, light_table, triangle_table, object_table, bvh_nodes, bvh_triangles;
+    GlName environment_map, alias_map;
+};
+
+} // namespace selvedge

@@ -1,0 +1,173 @@
+// app/preview/shader_source.cpp: include loader, readable compiler logs, programs that reload.
+#include "app/preview/shader_source.hpp"
+
+#include <algorithm>
+#include <cstdlib>
+#include <cstring>
+#include <fstream>
+#include <regex>
+#include <sstream>
+#include <stdexcept>
+
+#include "bake/error.hpp"
+
+namespace selvedge {
+namespace fs = std::filesystem;
+
+fs::path glsl_folder()
+{
+    std::vector<fs::path> folders;
+    if (const char* named = std::getenv("SELVEDGE_GLSL")) folders.emplace_back(named);
+    folders.emplace_back(SELVEDGE_GLSL_SOURCE);
+    std::error_code ignored;
+    const fs::path program = fs::read_symlink("/proc/self/exe", ignored);
+    if (!program.empty()) folders.push_back(program.parent_path().parent_path() / "share/selvedge/glsl");
+    folders.emplace_back(SELVEDGE_GLSL_INSTALLED);
+    std::string looked;
+    for (const fs::path& folder : folders) {
+        if (fs::exists(folder / "cloth.h", ignored)) return folder;
+        looked += (looked.empty() ? "" : ", ") + folder.string();
+    }
+    throw InputError("cloth.h", 0, "not found, expected in one of: %s (set SELVEDGE_GLSL)", looked.c_str());
+}
+
+// ---- includes -----------------------------------------------------------------------------------------------------------
+
+static void paste(const fs::path& folder, const std::string& name, const std::string& from, int from_line,
+                  std::vector<std::string>& open, ShaderText& shader)
+{
+    if (std::find(open.begin(), open.end(), name) != open.end())
+        throw InputError(from, from_line, "%s includes itself", name.c_str());
+    std::ifstream file(folder / name);
+    if (!file) throw InputError(from, from_line, "shader %s not found in %s", name.c_str(), folder.c_str());
+    const std::size_t index = shader.files.size();
+    shader.files.push_back(name);
+    open.push_back(name);
+    shader.text += format_text("#line 1 %zu\n", index);
+    static const std::regex include("\\s*#include \"([^\"]+)\".*");
+    std::smatch match;
+    std::string line;
+    for (int number = 1; std::getline(file, line); ++number) {
+        if (!std::regex_match(line, match, include)) {
+            shader.text += line + "\n";
+            continue;
+        }
+        paste(folder, match[1], name, number, open, shader);
+        shader.text += format_text("#line %d %zu\n", number + 1, index);
+    }
+    open.pop_back();
+}
+
+ShaderText load_shader(const fs::path& folder, const std::string& name)
+{
+    ShaderText shader;
+    std::vector<std::string> open;
+    paste(folder, name, "", 0, open, shader);
+    return shader;
+}
+
+std::string readable_log(const std::string& log, const std::vector<std::string>& files)
+{
+    // Mesa writes file:line(column), NVIDIA file(line), others ERROR: file:line:.
+    static const std::regex place("(\\d+)(?::(\\d+)\\(\\d+\\)|\\((\\d+)\\)|:(\\d+)(?=:))");
+    std::string text;
+    auto rest = log.cbegin();
+    for (std::smatch match; std::regex_search(rest, log.cend(), match, place);) {
+        text.append(rest, match[0].first);
+        const std::size_t file = std::strtoul(match[1].str().c_str(), nullptr, 10);
+        const std::string line = match[2].matched ? match[2] : match[3].matched ? match[3] : match[4];
+        text += file < files.size() ? files[file] + ":" + line : match[0].str();
+        rest = match[0].second;
+    }
+    text.append(rest, log.cend());
+    while (!text.empty() && (text.back() == '\n' || text.back() == '\0')) text.pop_back();
+    return text;
+}
+
+// ---- programs -----------------------------------------------------------------------------------------------------------
+
+static GlName compile(GLenum stage, const std::string& header, const ShaderText& shader)
+{
+    GlName name(GlName::Kind::shader, gl.CreateShader(stage));
+    const char* parts[] = {header.c_str(), shader.text.c_str()};
+    gl.ShaderSource(*name, 2, parts, nullptr);
+    gl.CompileShader(*name);
+    GLint good = GL_FALSE, length = 0;
+    gl.GetShaderiv(*name, GL_COMPILE_STATUS, &good);
+    if (good == GL_TRUE) return name;
+    gl.GetShaderiv(*name, GL_INFO_LOG_LENGTH, &length);
+    std::string log(static_cast<std::size_t>(std::max(length, 1)), '\0');
+    gl.GetShaderInfoLog(*name, length, nullptr, log.data());
+    throw std::runtime_error(readable_log(log, shader.files));
+}
+
+ShaderProgram::ShaderProgram(std::string vertex_file, std::string fragment_file, std::vector<std::string> with)
+    : vertex(std::move(vertex_file)), fragment(std::move(fragment_file)), defines(std::move(with))
+{
+    build();
+}
+
+void ShaderProgram::build()
+{
+    const fs::path folder = glsl_folder();
+    const ShaderText texts[] = {load_shader(folder, vertex), load_shader(folder, fragment)};
+    std::vector<fs::path> read;
+    for (const ShaderText& text : texts)
+        for (const std::string& file : text.files) read.push_back(folder / file);
+    // Remembered before compiling: a broken file is complained about once, not at every look.
+    files = read;
+    newest = {};
+    std::error_code ignored;
+    for (const fs::path& file : files) newest = std::max(newest, fs::last_write_time(file, ignored));
+
+    std::string header = "#version 410 core\n";
+    for (const std::string& define : defines) header += "#define " + define + " 1\n";
+    const GlName vertex_shader = compile(GL_VERTEX_SHADER, header, texts[0]);
+    const GlName fragment_shader = compile(GL_FRAGMENT_SHADER, header, texts[1]);
+    GlName made(GlName::Kind::program, gl.CreateProgram());
+    gl.AttachShader(*made, *vertex_shader);
+    gl.AttachShader(*made, *fragment_shader);
+    gl.LinkProgram(*made);
+    GLint good = GL_FALSE, length = 0;
+    gl.GetProgramiv(*made, GL_LINK_STATUS, &good);
+    if (good != GL_TRUE) {
+        gl.GetProgramiv(*made, GL_INFO_LOG_LENGTH, &length);
+        std::string log(static_cast<std::size_t>(std::max(length, 1)), '\0');
+        gl.GetProgramInfoLog(*made, length, nullptr, log.data());
+        throw std::runtime_error(vertex + " + " + fragment + ": " + readable_log(log, {}));
+    }
+    // GLSL 4.1 has no layout(binding = ...).
+    gl.UseProgram(*made);
+    for (const Binding& texture : texture_units)
+        gl.Uniform1i(gl.GetUniformLocation(*made, texture.name), texture.unit);
+    const GLuint block = gl.GetUniformBlockIndex(*made, "Frame");
+    if (block != GL_INVALID_INDEX) gl.UniformBlockBinding(*made, block, 0);
+    program = std::move(made);
+}
+
+bool ShaderProgram::rebuild_if_changed(std::string& complaint)
+{
+    std::error_code ignored;
+    const bool changed = std::any_of(files.begin(), files.end(), [&](const fs::path& file) {
+        return fs::last_write_time(file, ignored) > newest && !ignored;
+    });
+    if (!changed) return false;
+    try {
+        build();
+        complaint.clear();
+        return true;
+    }
+    catch (const std::exception& error) {
+        complaint = error.what();
+        return false;
+    }
+}
+
+GLint texture_unit(const char* name)
+{
+    for (const Binding& texture : texture_units)
+        if (std::strcmp(texture.name, name) == 0) return texture.unit;
+    throw std::logic_error(std::string("no texture unit for ") + name);
+}
+
+} // namespace selvedge

@@ -1,0 +1,68 @@
+// app/preview/shader_source.hpp: GLSL files with their includes pasted; programs that survive a broken edit.
+#pragma once
+
+#include <cstdint>
+#include <filesystem>
+#include <string>
+#include <vector>
+
+#include "gl.hpp"
+
+namespace selvedge {
+
+// The folder of the shaders: $SELVEDGE_GLSL, the source tree, beside the program (../share/selvedge/glsl), where they
+// were to be installed; the first that has cloth.h.
+//   throws  InputError that names the folders
+std::filesystem::path glsl_folder();
+
+struct ShaderText {
+    std::string text;
+    std::vector<std::string> files; // "#line N i" in the text means files[i]; relative to the folder
+};
+
+// folder/name with every `#include "file"` pasted, `#line` kept true. The twin of tests/shader_source.py.
+//   throws  InputError file:line: missing file, include of a file that is being included
+ShaderText load_shader(const std::filesystem::path& folder, const std::string& name);
+
+// A driver's log with file names: "2:31(8): error" and "2(31) : error" become "cloth_bsdf.h:31: error".
+std::string readable_log(const std::string& log, const std::vector<std::string>& files);
+
+// Vertex and fragment shader of the GL 4.1 dialect. Uniform blocks and samplers get the bindings of scene_bindings().
+class ShaderProgram {
+public:
+    ShaderProgram() = default;
+    // Compiles at once.
+    //   defines  "GAPS" becomes #define GAPS 1
+    //   throws   InputError with file:line of the shader
+    ShaderProgram(std::string vertex, std::string fragment, std::vector<std::string> defines = {});
+
+    GLuint operator*() const { return *program; }
+    GLint location(const char* uniform) const { return gl.GetUniformLocation(*program, uniform); }
+
+    // Compiles anew if a file has changed on disk. Where that fails, the last good program stays.
+    //   return  true: the program is another one now. `complaint` gets the error, or nothing
+    bool rebuild_if_changed(std::string& complaint);
+
+private:
+    void build();
+
+    std::string vertex, fragment;
+    std::vector<std::string> defines;
+    GlName program;
+    std::vector<std::filesystem::path> files;
+    std::filesystem::file_time_type newest{};
+};
+
+// Texture units and uniform blocks by name; a name that a program lacks is nothing.
+struct Binding {
+    const char* name;
+    GLint unit;
+};
+inline constexpr Binding texture_units[] = {
+    {"map_words", 0},    {"slope_words", 1},    {"yarn_table", 2},      {"light_table", 3}, {"environment_map", 4},
+    {"alias_map", 5},    {"triangle_table", 6}, {"object_table", 7},    {"bvh_nodes", 8},   {"bvh_triangles", 9},
+    {"id_map", 10},      {"block_sum", 11},     {"mean_map", 12},       {"spread_map", 13},
+};
+GLint texture_unit(const char* name);
+
+} // namespace selvedge

@@ -1,0 +1,22 @@
+// app/result.hpp: the preview's picture as reference/film.hpp writes it. Included by headless.cpp and window.cpp.
+#pragma once
+
+#include "app/preview/preview.hpp"
+#include "reference/film.hpp"
+
+namespace selvedge {
+
+inline RenderResult result_of(const PreviewImage& image)
+{
+    RenderResult result(image.size.x, image.size.y);
+    result.alpha.resize(image.mean.size());
+    for (std::size_t k = 0; k < image.mean.size(); ++k) {
+        result.mean[k] = glm::vec3(image.mean[k]);
+        result.variance[k] = glm::vec3(image.variance[k]);
+        result.alpha[k] = image.mean[k].w;
+        result.samples[k] = image.frames;
+    }
+    return result;
+}
+
+} // namespace selvedge

@@ -1,0 +1,223 @@
+// bake/bake.cpp: the whole way from a fabric to packed words, with the cache; yarn shading; accuracy of the visibility.
+#include "bake.hpp"
+
+#include <algorithm>
+#include <chrono>
+#include <cmath>
+
+#include <tbb/parallel_for.h>
+
+#include "cache.hpp"
+#include "error.hpp"
+#include "maps.hpp"
+#include "ply.hpp"
+#include "visibility.hpp"
+
+namespace selvedge {
+
+namespace {
+
+constexpr float pi = 3.14159265358979f;
+
+class Stopwatch {
+public:
+    double lap() // seconds since the last one
+    {
+        const auto now = std::chrono::steady_clock::now();
+        const double spent = std::chrono::duration<double>(now - last).count();
+        last = now;
+        return spent;
+    }
+
+private:
+    std::chrono::steady_clock::time_point last = std::chrono::steady_clock::now();
+};
+
+void pack_side(const FabricMaps& maps, int s, const std::vector<float>& irradiance, PackedSide& out)
+{
+    const SideMaps& side = maps.side[s];
+    out.texels.resize(side.slope.size());
+    for (std::size_t i = 0; i < side.slope.size(); ++i) {
+        Texel texel;
+        texel.gap = maps.gap[i] != 0;
+        texel.slope = texel.gap ? glm::vec2(0) : side.slope[i];
+        texel.azimuth = side.azimuth[i];
+        texel.yarn = side.yarn[i];
+        texel.irradiance = irradiance[i];
+        out.texels[i] = pack_texel(texel);
+    }
+    out.heights_m = side.height_m;
+}
+
+void count_cover(const FabricMaps& maps, const YarnTypes& types, PackedFabric& packed)
+{
+    std::size_t warp = 0, gap = 0;
+    for (std::size_t i = 0; i < maps.gap.size(); ++i)
+        if (maps.gap[i])
+            ++gap;
+        else if (types.types[maps.side[0].yarn[i]].warp)
+            ++warp;
+    const float total = static_cast<float>(maps.gap.size());
+    packed.gap_cover = static_cast<float>(gap) / total;
+    packed.warp_cover = static_cast<float>(warp) / total;
+    packed.weft_cover = static_cast<float>(maps.gap.size() - gap - warp) / total;
+    packed.has_gaps = gap > 0;
+    const auto [low, high] = std::minmax_element(maps.side[0].height_m.begin(), maps.side[0].height_m.end());
+    packed.height_range_m = {*low, *high};
+}
+
+// Hemispherical mean of what passes a slab of optical thickness T unscattered: 2 E3(T).
+float unscattered_mean(float thickness)
+{
+    constexpr int steps = 64;
+    float sum = 0;
+    for (int i = 0; i < steps; ++i) {
+        const float mu = (static_cast<float>(i) + 0.5f) / steps;
+        sum += 2 * mu * std::exp(-thickness / mu) / steps;
+    }
+    return sum;
+}
+
+// Light that leaves the slab after two and more scatterings, per channel, split into reflected and transmitted: math.md 9.2.
+struct Rescattered {
+    glm::vec3 reflected, transmitted;
+};
+Rescattered rescattered(glm::vec3 albedo_r, glm::vec3 albedo_t, float thickness)
+{
+    const float t = thickness;
+    const float once = 0.26f + 0.74f * std::exp(-1.23f * std::pow(t, 0.9f)); // of what scatters: leaves after one scattering
+    const float all = (1 - unscattered_mean(t)) * (1 - once);
+    const float again = 1 - 1 / (1 + 1.15f * t + 0.13f * t * t);             // probability of one more scattering
+    const float share = std::min(0.49f + 0.048f * t, 0.95f);                 // reflected; fitted for T <= 4
+    const auto kept = [&](glm::vec3 a) { return a * a * (1 - again) / (1.0f - a * again); };
+    return {all * share * kept(albedo_r), all * (1 - share) * kept(albedo_t)};
+}
+
+} // namespace
+
+std::vector<cloth::f32::ClothYarn> shade_yarns(const Fabric& fabric)
+{
+    std::vector<cloth::f32::ClothYarn> out;
+    for (const YarnTypes::Type& type : yarn_types(fabric).types) {
+        const YarnSpec& spec = type.warp ? fabric.warp : fabric.weft;
+        cloth::f32::ClothYarn yarn{};
+        yarn.albedo_r = spec.albedo * type.tint;
+        yarn.albedo_t = spec.albedo_transmission.value_or(spec.albedo) * type.tint;
+        if (spec.diffuse || spec.diffuse_transmission) {
+            yarn.diffuse_r = spec.diffuse.value_or(glm::vec3(0)) * type.tint;
+            yarn.diffuse_t = spec.diffuse_transmission.value_or(glm::vec3(0)) * type.tint;
+        } else {
+            const Rescattered more = rescattered(yarn.albedo_r, yarn.albedo_t, spec.thickness);
+            yarn.diffuse_r = more.reflected;
+            yarn.diffuse_t = more.transmitted;
+        }
+        yarn.alpha_r = std::clamp(spec.roughness, 0.01f, 1.0f);
+        yarn.alpha_t = std::clamp(spec.roughness_transmission.value_or(spec.roughness), 0.01f, 1.0f);
+        yarn.thickness = spec.thickness;
+        yarn.twist = spec.fibre_twist_deg * pi / 180;
+        yarn.diffuse_mix = spec.diffuse_mix;
+        out.push_back(yarn);
+    }
+    return out;
+}
+
+PackedFabric bake_fabric(const Fabric& fabric, const BakeOptions& options, BakeReport* report)
+{
+    Stopwatch total, stage;
+    BakeReport spent;
+    const VisibilityKind kind = options.visibility.value_or(fabric.visibility);
+    if (kind != VisibilityKind::horizon8 && kind != VisibilityKind::exact)
+        throw UsageError("visibility %s is not available in this version, expected horizon8 or exact", visibility_name(kind));
+
+    const WovenPlan plan = plan_woven(fabric, options.resolution > 0 ? options.resolution : fabric.resolution);
+    PackedFabric packed;
+    packed.name = fabric.name;
+    packed.size = plan.size;
+    packed.visibility = kind;
+    packed.warnings = fabric.warnings;
+    packed.warnings.insert(packed.warnings.end(), plan.warnings.begin(), plan.warnings.end());
+    const YarnTypes types = yarn_types(fabric);
+    for (const YarnTypes::Type& type : types.types)
+        packed.yarn_names.push_back(type.name);
+    packed.yarns = shade_yarns(fabric);
+    for (const auto& yarn : packed.yarns)
+        packed.transmits = packed.transmits || glm::any(glm::greaterThan(yarn.albedo_t + yarn.diffuse_t, glm::vec3(0)));
+
+    const std::string hash = options.use_cache ? geometry_hash(fabric, plan, kind) : "";
+    spent.cached = options.use_cache && !options.force && read_cache(hash, packed, &spent.disk_bytes);
+    if (!spent.cached) {
+        packed.tile_m = plan.tile_m;
+        stage.lap();
+        const PlyModel model = weave_plies(fabric, plan);
+        spent.pattern_seconds = stage.lap();
+        const FabricMaps maps = project_plies(model, plan.size, samples_for(plan.size));
+        count_cover(maps, types, packed);
+        spent.maps_seconds = stage.lap();
+        for (int s = 0; s < 2; ++s) {
+            PackedSide& side = packed.side[s];
+            side.horizons = horizon_knots({plan.size, plan.tile_m, &maps.side[s].height_m});
+            std::vector<glm::vec2> shown = maps.side[s].slope; // as stored: gaps are flat
+            for (std::size_t i = 0; i < shown.size(); ++i)
+                if (maps.gap[i])
+                    shown[i] = glm::vec2(0);
+            const std::vector<float> irradiance = cosine_irradiance(side.horizons, shown, plan.size);
+            spent.visibility_seconds += stage.lap();
+            pack_side(maps, s, irradiance, side);
+            for (const glm::vec2 slope : slope_mips(maps.side[s].slope, plan.size))
+                side.slope_mips.push_back(pack_slope(slope));
+            spent.normals_seconds += stage.lap();
+        }
+        if (options.use_cache)
+            spent.disk_bytes = write_cache(hash, packed);
+    }
+    spent.memory_bytes = packed.resident_bytes();
+    spent.total_seconds = total.lap();
+    if (report)
+        *report = spent;
+    return packed;
+}
+
+VisibilityError measure_visibility(const PackedFabric& fabric, int directions, int texels)
+{
+    VisibilityError error;
+    error.directions = directions;
+    error.texels = texels;
+    if (fabric.visibility == VisibilityKind::exact)
+        return error; // it is its own yardstick
+
+    const glm::ivec2 size = fabric.size, half = size / 2;
+    std::vector<double> sums(static_cast<std::size_t>(texels), 0.0);
+    for (const PackedSide& side : fabric.side) {
+        const HeightField field{size, fabric.tile_m, &side.heights_m};
+        const float highest = *std::max_element(side.heights_m.begin(), side.heights_m.end());
+        tbb::parallel_for(0, texels, [&](int t) {
+            // Texels and directions on golden-ratio lattices: even cover, no seed.
+            const double u = (t + 0.5) / texels, v = std::fmod(0.6180339887498949 * t, 1.0);
+            const int x = static_cast<int>(u * size.x), y = static_cast<int>(v * size.y);
+            const auto block = [&](int X, int Y) {
+                X = (X + half.x) % half.x, Y = (Y + half.y) % half.y;
+                return side.horizons[static_cast<std::size_t>(Y) * static_cast<std::size_t>(half.x) + static_cast<std::size_t>(X)];
+            };
+            const int X = (x + 1) / 2 - 1, Y = (y + 1) / 2 - 1; // lower corner of the four blocks around the texel
+            cloth::f32::ClothHorizon horizon{block(X, Y), block(X + 1, Y), block(X, Y + 1), block(X + 1, Y + 1),
+                                             {x % 2 ? 0.25f : 0.75f, y % 2 ? 0.25f : 0.75f}};
+            double sum = 0;
+            for (int d = 0; d < directions; ++d) {
+                const float z = (static_cast<float>(d) + 0.5f) / static_cast<float>(directions), r = std::sqrt(1 - z * z);
+                const float azimuth = static_cast<float>(std::fmod(2.399963229728653 * d, 6.283185307179586));
+                const float s = march_horizon(field, highest, glm::vec2(x, y) + 0.5f, azimuth);
+                const float exact = z > s ? 1.0f : 0.0f;
+                const float got = cloth::f32::cloth_horizon_visibility(horizon, {r * std::cos(azimuth), r * std::sin(azimuth), z});
+                sum += static_cast<double>((got - exact) * (got - exact));
+            }
+            sums[static_cast<std::size_t>(t)] += sum;
+        });
+    }
+    double sum = 0;
+    for (const double s : sums)
+        sum += s;
+    error.rms = std::sqrt(sum / (2.0 * texels * directions));
+    return error;
+}
+
+} // namespace selvedge

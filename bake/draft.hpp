@@ -1,0 +1,46 @@
+// bake/draft.hpp: a woven pattern as interlacing and colours; the built-in weaves. Read by ply.cpp, written by wif.cpp.
+#pragma once
+
+#include <string>
+#include <vector>
+
+#include <glm/glm.hpp>
+
+namespace selvedge {
+
+// One end or one pick as the draft tells it; 0 where the draft is silent.
+struct DraftThread {
+    int colour = -1;       // index into Draft::colours, -1 none
+    float spacing_m = 0;   // from this thread's axis to the next one's
+    float thickness_m = 0;
+};
+
+// A woven repeat. End e is column e (x grows to the right), pick p is row p (y grows upward, pick 0 at the bottom).
+struct Draft {
+    std::string title;
+    std::vector<DraftThread> ends, picks;
+    std::vector<char> warp_up;          // picks * ends, row p first: 1 where the end lies over the pick
+    std::vector<glm::vec3> colours;     // linear Rec.709, [0, 1]
+    std::vector<std::string> warnings;  // what the reader assumed
+
+    bool warp_on_top(std::size_t pick, std::size_t end) const { return warp_up[pick * ends.size() + end] != 0; }
+};
+
+// "plain 1/1", "twill 2/2", "twill 3/1 S", "satin 5", "satin 8/3", "basket 2/2", ...: see builtin_weaves().
+//   pattern  "twill A/B": A over, B under, Z (right) unless "S" follows; "satin N" or "satin N/STEP" warp-faced;
+//            "sateen N" weft-faced; "plain 1/1" or "plain"; "basket N/N"
+//   throws   InputError(file, line) that lists the kinds
+Draft builtin_weave(const std::string& pattern, const std::string& file = {}, int line = 0);
+
+// One line each for --list and messages.
+std::vector<std::string> builtin_weaves();
+
+// Smallest block that gives back the draft by repetition, colours, spacing and thickness included.
+Draft smallest_repeat(const Draft& draft);
+// The draft `across` times side by side and `up` times one above another.
+Draft repeated(const Draft& draft, int across, int up);
+
+// Longest run of one thread over others, counted around the repeat; the whole repeat where it never interlaces.
+int longest_float(const Draft& draft, bool of_warp);
+
+} // namespace selvedge

@@ -1,0 +1,485 @@
+// bake/maps.cpp: the exact tube projector and its filter.
+#include "maps.hpp"
+
+#include <algorithm>
+#include <array>
+#include <cmath>
+#include <limits>
+
+#include <tbb/parallel_for.h>
+#include <tbb/parallel_invoke.h>
+
+#include "pack.hpp"
+
+namespace selvedge {
+
+namespace {
+
+constexpr float pi = 3.14159265358979f;
+constexpr int band_rows = 8; // texel rows that one task projects
+constexpr float no_limit_m = 1.0f;  // higher than any cloth
+constexpr float trusted_correction = 0.2f; // radii by which a smooth tube may differ from its chord
+constexpr std::uint32_t no_segment = ~std::uint32_t(0);
+
+int wrapped(int i, int n)
+{
+    const int r = i % n;
+    return r < 0 ? r + n : r;
+}
+
+// All points of all tubes in the space where the sections are round (z over aspect).
+struct Segments {
+    std::vector<glm::vec4> point;       // xyz, w radius; point i and i + 1 are a segment unless `last` is set for i
+    std::vector<glm::vec3> mitre;       // unit normal of the plane in which the segments before and after i meet
+    std::vector<std::uint8_t> last;     // the tube ends here
+    std::vector<float> aspect;          // of the tube
+    std::vector<std::uint8_t> yarn;
+
+    explicit Segments(const PlyModel& model)
+    {
+        for (const PlyTube& tube : model.tubes) {
+            const std::size_t count = tube.points.size();
+            const glm::vec3 stretch(1, 1, 1 / tube.aspect);
+            const auto direction = [&](std::size_t i) {
+                return glm::normalize((tube.points[i + 1].centre_m - tube.points[i].centre_m) * stretch);
+            };
+            for (std::size_t i = 0; i < count; ++i) {
+                const std::size_t before = i == 0 ? count - 2 : i - 1, after = i + 1 == count ? 0 : i;
+                point.emplace_back(tube.points[i].centre_m * stretch, tube.points[i].radius_m);
+                mitre.push_back(glm::normalize(direction(before) + direction(after)));
+                last.push_back(i + 1 == count ? 1 : 0);
+                aspect.push_back(tube.aspect);
+                yarn.push_back(static_cast<std::uint8_t>(tube.yarn));
+            }
+        }
+    }
+};
+
+// Bounds in x and y of segment i: of the discs in its two mitre planes.
+struct Bounds {
+    glm::vec2 low, high;
+};
+Bounds bounds_of(const Segments& segments, std::size_t i)
+{
+    Bounds bounds{glm::vec2(std::numeric_limits<float>::max()), glm::vec2(std::numeric_limits<float>::lowest())};
+    for (const std::size_t end : {i, i + 1}) {
+        const glm::vec3 m = segments.mitre[end];
+        const glm::vec2 centre(segments.point[end]);
+        // 1.1: the mitre's ellipse is larger than the section where the tube bends
+        const glm::vec2 reach = 1.1f * segments.point[end].w * glm::sqrt(glm::max(1.0f - glm::vec2(m) * glm::vec2(m), 0.0f));
+        bounds.low = glm::min(bounds.low, centre - reach);
+        bounds.high = glm::max(bounds.high, centre + reach);
+    }
+    return bounds;
+}
+
+// Which segments touch which band of rows: for each band a run of (segment, vertical shift by -1, 0, 1 tiles).
+struct Bins {
+    struct Item {
+        std::uint32_t segment;
+        std::int32_t shift;
+    };
+    std::vector<std::size_t> start; // bands + 1
+    std::vector<Item> items;
+};
+
+Bins bin_segments(const Segments& segments, float tile_height, float row_m, int rows, int rows_per_band)
+{
+    const int bands = (rows + rows_per_band - 1) / rows_per_band;
+    Bins bins;
+    bins.start.assign(static_cast<std::size_t>(bands) + 1, 0);
+    const auto visit = [&](auto&& put) {
+        for (std::size_t i = 0; i + 1 < segments.point.size(); ++i) {
+            if (segments.last[i])
+                continue;
+            const Bounds b = bounds_of(segments, i);
+            for (int shift = -1; shift <= 1; ++shift) {
+                const float offset = static_cast<float>(shift) * tile_height;
+                const float low = std::floor((b.low.y + offset) / row_m), high = std::ceil((b.high.y + offset) / row_m);
+                if (high < 0 || low > static_cast<float>(rows))
+                    continue;
+                const int first = std::max(0, static_cast<int>(low)) / rows_per_band;
+                const int final = std::min(rows - 1, static_cast<int>(high)) / rows_per_band;
+                for (int band = first; band <= final; ++band)
+                    put(static_cast<std::size_t>(band), Bins::Item{static_cast<std::uint32_t>(i), shift});
+            }
+        }
+    };
+    visit([&](std::size_t band, Bins::Item) { ++bins.start[band + 1]; });
+    for (std::size_t band = 0; band < static_cast<std::size_t>(bands); ++band)
+        bins.start[band + 1] += bins.start[band];
+    bins.items.resize(bins.start.back());
+    std::vector<std::size_t> at(bins.start.begin(), bins.start.end() - 1);
+    visit([&](std::size_t band, Bins::Item item) { bins.items[at[band]++] = item; });
+    return bins;
+}
+
+// z-buffers of a band of sample rows, both sides.
+struct Band {
+    int columns = 0, first_row = 0, rows = 0;
+    std::vector<float> z[2];                  // front: highest; back: lowest, negated
+    std::vector<std::uint32_t> segment[2];    // no_segment in gaps
+    std::vector<glm::vec2> way[2];            // of the ply's centre line there, in the plane; not unit
+
+    void reset(int width, int first, int count)
+    {
+        columns = width, first_row = first, rows = count;
+        const std::size_t size = static_cast<std::size_t>(width) * static_cast<std::size_t>(count);
+        for (int side = 0; side < 2; ++side) {
+            z[side].assign(size, std::numeric_limits<float>::lowest());
+            segment[side].assign(size, no_segment);
+            way[side].resize(size);
+        }
+    }
+    std::size_t at(int column, int row) const
+    {
+        return static_cast<std::size_t>(row - first_row) * static_cast<std::size_t>(columns) + static_cast<std::size_t>(column);
+    }
+};
+
+// Heights at which a ray along z, at (qx, qy) from a point of the axis, meets the cylinder about it:
+// |p - (p.d) d|^2 = r^2 for p = (qx, qy, z) is a z^2 - 2 h z + c = 0.
+struct CylinderHit {
+    float h, root, a; // z = (h +- root) / a
+    bool hit;
+};
+CylinderHit hit_cylinder(float qx, float qy, glm::vec3 d, float radius)
+{
+    const float along = qx * d.x + qy * d.y;
+    const float a = 1 - d.z * d.z, h = along * d.z;
+    const float discriminant = h * h - a * (qx * qx + qy * qy - along * along - radius * radius);
+    return {h, std::sqrt(std::max(discriminant, 0.0f)), a, discriminant >= 0};
+}
+
+// Rays along z against the tube between points i and i + 1. The straight cylinder about the chord tells where along the
+// tube the ray meets it; there the cylinder about the smooth centre line (Hermite through the points, along the mitre
+// normals) replaces it. Else the chords would show as facets.
+void rasterise(const Segments& segments, std::size_t i, float shift_m, glm::vec2 step_m, Band& band)
+{
+    Bounds b = bounds_of(segments, i);
+    b.low.y += shift_m, b.high.y += shift_m;
+    const int row0 = std::max(band.first_row, static_cast<int>(std::ceil(b.low.y / step_m.y - 0.5f)));
+    const int row1 = std::min(band.first_row + band.rows - 1, static_cast<int>(std::floor(b.high.y / step_m.y - 0.5f)));
+    const int column0 = static_cast<int>(std::ceil(b.low.x / step_m.x - 0.5f));
+    const int column1 = static_cast<int>(std::floor(b.high.x / step_m.x - 0.5f));
+
+    const glm::vec3 from(segments.point[i]), chord = glm::vec3(segments.point[i + 1]) - from;
+    const float length = glm::length(chord);
+    const glm::vec3 d = chord / length;
+    const float radius = 0.5f * (segments.point[i].w + segments.point[i + 1].w), aspect = segments.aspect[i];
+    const glm::vec3 m0 = segments.mitre[i], m1 = segments.mitre[i + 1];
+    if (1 - d.z * d.z < 1e-6f)
+        return; // stands upright: seen as nothing but its neighbours' ends
+    for (int row = row0; row <= row1; ++row) {
+        const float qy = (static_cast<float>(row) + 0.5f) * step_m.y - shift_m - from.y;
+        for (int column = column0; column <= column1; ++column) {
+            const float qx = (static_cast<float>(column) + 0.5f) * step_m.x - from.x;
+            const CylinderHit straight = hit_cylinder(qx, qy, d, radius);
+            if (!straight.hit)
+                continue;
+            const std::size_t cell = band.at(wrapped(column, band.columns), row);
+            for (int side = 0; side < 2; ++side) {
+                float z = (side == 0 ? straight.h + straight.root : straight.h - straight.root) / straight.a;
+                // Between the planes: not before the first, before the second.
+                const float past = qx * m0.x + qy * m0.y + z * m0.z;
+                const float left = (chord.x - qx) * m1.x + (chord.y - qy) * m1.y + (chord.z - z) * m1.z;
+                if (past < 0 || left <= 0)
+                    continue;
+                const float t = past / (past + left), u = 1 - t;
+                const glm::vec3 way = glm::normalize(u * m0 + t * m1);
+                const glm::vec3 centre = t * t * (3 - 2 * t) * chord + length * t * u * (u * m0 - t * m1);
+                const CylinderHit smooth = hit_cylinder(qx - centre.x, qy - centre.y, way, radius);
+                const float smooth_z = centre.z + (side == 0 ? smooth.h + smooth.root : smooth.h - smooth.root) / smooth.a;
+                // Where a ply bends within its own radius the curve folds and the two have nothing to do with each other.
+                if (smooth.hit && std::abs(smooth_z - z) < trusted_correction * radius)
+                    z = smooth_z;
+                const float height = (side == 0 ? 1.0f : -1.0f) * aspect * (z + from.z);
+                if (height > band.z[side][cell]) {
+                    band.z[side][cell] = height;
+                    band.segment[side][cell] = static_cast<std::uint32_t>(i);
+                    band.way[side][cell] = glm::vec2(way);
+                }
+            }
+        }
+    }
+}
+
+// One texel out of samples x samples rays.
+void filter_texel(const Segments& segments, const Band& band, int x, int y, int samples, FabricMaps& maps)
+{
+    const std::size_t texel = static_cast<std::size_t>(y) * static_cast<std::size_t>(maps.size.x) + static_cast<std::size_t>(x);
+    const int x0 = x * samples, y0 = y * samples, total = samples * samples;
+    bool gap = false;
+    for (int side = 0; side < 2; ++side) {
+        const auto& segment = band.segment[side];
+        float sum = 0;
+        // The yarn that most samples see; the direction mean of its segments: angles doubled, so that t and -t agree.
+        std::array<std::uint8_t, 16> yarn{};
+        std::array<int, 16> votes{};
+        std::array<glm::vec2, 16> doubled{};
+        int kinds = 0, covered = 0;
+        for (int row = y0; row < y0 + samples; ++row)
+            for (int column = x0; column < x0 + samples; ++column) {
+                const std::size_t cell = band.at(column, row);
+                const std::uint32_t s = segment[cell];
+                if (s == no_segment)
+                    continue;
+                ++covered;
+                sum += band.z[side][cell];
+                int kind = 0;
+                while (kind < kinds && yarn[static_cast<std::size_t>(kind)] != segments.yarn[s])
+                    ++kind;
+                if (kind == kinds) {
+                    yarn[static_cast<std::size_t>(kind)] = segments.yarn[s];
+                    ++kinds;
+                }
+                const glm::vec2 way = band.way[side][cell];
+                const float length2 = std::max(glm::dot(way, way), 1e-30f);
+                doubled[static_cast<std::size_t>(kind)] += glm::vec2(way.x * way.x - way.y * way.y, 2 * way.x * way.y) / length2;
+                ++votes[static_cast<std::size_t>(kind)];
+            }
+        if (side == 0)
+            gap = 2 * covered <= total;
+        maps.gap[texel] = gap ? 1 : 0;
+        maps.side[side].height_m[texel] = gap ? 0.0f : sum / static_cast<float>(total);
+        const auto best = static_cast<std::size_t>(std::max_element(votes.begin(), votes.end()) - votes.begin());
+        float azimuth = 0.5f * std::atan2(doubled[best].y, doubled[best].x);
+        azimuth = azimuth < 0 ? azimuth + pi : azimuth;
+        maps.side[side].azimuth[texel] = azimuth >= pi ? 0 : azimuth;
+        maps.side[side].yarn[texel] = yarn[best];
+    }
+}
+
+// Gap texels take yarn and azimuth of the nearest texel that has a yarn: jump flooding on the periodic grid.
+void fill_gaps(FabricMaps& maps)
+{
+    const int w = maps.size.x, h = maps.size.y;
+    const auto index = [&](int x, int y) { return static_cast<std::size_t>(y) * static_cast<std::size_t>(w) + static_cast<std::size_t>(x); };
+    const glm::vec2 texel_m = maps.tile_m / glm::vec2(maps.size);
+    if (std::find(maps.gap.begin(), maps.gap.end(), 1) == maps.gap.end() || std::find(maps.gap.begin(), maps.gap.end(), 0) == maps.gap.end())
+        return;
+    constexpr int none = std::numeric_limits<int>::max();
+    std::vector<glm::ivec2> seed(maps.gap.size(), glm::ivec2(none)), next; // offset to the source
+    for (std::size_t i = 0; i < seed.size(); ++i)
+        if (!maps.gap[i])
+            seed[i] = glm::ivec2(0);
+    int jump = 1;
+    while (jump < std::max(w, h))
+        jump *= 2;
+    for (; jump >= 1; jump /= 2) {
+        next = seed;
+        tbb::parallel_for(0, h, [&](int y) {
+            for (int x = 0; x < w; ++x) {
+                const std::size_t here = index(x, y);
+                if (!maps.gap[here])
+                    continue;
+                const auto distance = [&](glm::ivec2 offset) {
+                    const glm::vec2 m = glm::vec2(offset) * texel_m;
+                    return glm::dot(m, m);
+                };
+                float best = next[here].x == none ? std::numeric_limits<float>::max() : distance(next[here]);
+                for (int dy = -jump; dy <= jump; dy += jump)
+                    for (int dx = -jump; dx <= jump; dx += jump) {
+                        const glm::ivec2 theirs = seed[index(wrapped(x + dx, w), wrapped(y + dy, h))];
+                        if (theirs.x == none)
+                            continue;
+                        const glm::ivec2 offset = theirs + glm::ivec2(dx, dy);
+                        if (const float d = distance(offset); d < best) {
+                            best = d;
+                            next[here] = offset;
+                        }
+                    }
+            }
+        });
+        seed.swap(next);
+    }
+    for (int y = 0; y < h; ++y)
+        for (int x = 0; x < w; ++x)
+            if (const std::size_t here = index(x, y); maps.gap[here] && seed[here].x != none) {
+                const std::size_t source = index(wrapped(x + seed[here].x, w), wrapped(y + seed[here].y, h));
+                for (SideMaps& side : maps.side) {
+                    side.yarn[here] = side.yarn[source];
+                    side.azimuth[here] = side.azimuth[source];
+                }
+            }
+}
+
+// Lowest function above f that falls by no more than `fall` a metre, in any direction: f spread along cones. Chamfer
+// sweeps over the periodic grid with king's and knight's moves (distances up to 2.8 % long), until nothing changes.
+void spread_cones(std::vector<float>& f, glm::ivec2 size, glm::vec2 texel_m, float fall)
+{
+    struct Move {
+        int dx, dy;
+        float cost;
+    };
+    std::vector<Move> moves; // to texels that a sweep from the lowest row up has already seen
+    for (const glm::ivec2 m : {glm::ivec2(-1, 0), {-2, -1}, {-1, -1}, {0, -1}, {1, -1}, {2, -1}, {-1, -2}, {1, -2}})
+        moves.push_back({m.x, m.y, fall * glm::length(glm::vec2(m) * texel_m)});
+    constexpr int most_laps = 4;
+    for (int lap = 0; lap < most_laps; ++lap) {
+        bool changed = false;
+        for (const int way : {1, -1})
+            for (int j = 0; j < size.y; ++j) {
+                const int y = way > 0 ? j : size.y - 1 - j;
+                const float* rows[3]; // this one and the two before it
+                for (int r = 0; r < 3; ++r)
+                    rows[r] = f.data() + std::ptrdiff_t(wrapped(y - way * r, size.y)) * size.x;
+                float* here = f.data() + std::ptrdiff_t(y) * size.x;
+                for (int i = 0; i < size.x; ++i) {
+                    const int x = way > 0 ? i : size.x - 1 - i;
+                    const bool inside = x >= 2 && x < size.x - 2;
+                    float best = here[x];
+                    for (const Move& move : moves) {
+                        const int from = x + way * move.dx;
+                        best = std::max(best, rows[-move.dy][inside ? from : wrapped(from, size.x)] - move.cost);
+                    }
+                    changed = changed || best > here[x];
+                    here[x] = best;
+                }
+            }
+        if (!changed)
+            break;
+    }
+}
+
+// 1 2 1 along x and along y, periodic.
+std::vector<float> binomial_blur(const std::vector<float>& f, glm::ivec2 size)
+{
+    std::vector<float> across(f.size()), out(f.size());
+    tbb::parallel_for(0, size.y, [&](int y) {
+        const float* row = f.data() + std::ptrdiff_t(y) * size.x;
+        for (int x = 0; x < size.x; ++x)
+            across[static_cast<std::size_t>(std::ptrdiff_t(y) * size.x + x)] =
+                0.25f * (row[wrapped(x - 1, size.x)] + row[wrapped(x + 1, size.x)]) + 0.5f * row[x];
+    });
+    tbb::parallel_for(0, size.y, [&](int y) {
+        const auto row = [&](int r) { return across.data() + std::ptrdiff_t(wrapped(r, size.y)) * size.x; };
+        const float *here = row(y), *low = row(y - 1), *high = row(y + 1);
+        for (int x = 0; x < size.x; ++x)
+            out[static_cast<std::size_t>(std::ptrdiff_t(y) * size.x + x)] = 0.25f * (low[x] + high[x]) + 0.5f * here[x];
+    });
+    return out;
+}
+
+// Yarns end in walls, and slopes are stored up to slope_limit: light and eye would miss the walls' area (E[A_p] of
+// math.md 6.2 falls to .88 at 60 deg). So the field itself is made no steeper: each wall becomes a ramp about its middle,
+// the mean of the steepest fields above and below it. Gaps stay at 0, so ramps to them lie on the yarn.
+void limit_slopes(FabricMaps& maps, SideMaps& side)
+{
+    const glm::vec2 texel_m = maps.tile_m / glm::vec2(maps.size);
+    std::vector<float> above = side.height_m, below = side.height_m, reach(above.size());
+    for (std::size_t i = 0; i < above.size(); ++i) {
+        below[i] = -below[i];
+        reach[i] = maps.gap[i] ? 0.0f : -no_limit_m; // -(greatest height so near a gap)
+    }
+    tbb::parallel_invoke([&] { spread_cones(above, maps.size, texel_m, slope_limit); },
+                         [&] { spread_cones(below, maps.size, texel_m, slope_limit); },
+                         [&] { spread_cones(reach, maps.size, texel_m, slope_limit); });
+    const std::vector<float> before = side.height_m;
+    for (std::size_t i = 0; i < above.size(); ++i)
+        above[i] = 0.5f * (above[i] - below[i]);
+    // Cones from texels make ragged ramps: smoothed there, and only there.
+    below = above;
+    for (int pass = 0; pass < 2; ++pass) {
+        below = binomial_blur(below, maps.size);
+        reach = binomial_blur(reach, maps.size);
+    }
+    const float full = 0.25f * slope_limit * std::min(texel_m.x, texel_m.y);
+    for (std::size_t i = 0; i < above.size(); ++i) {
+        const float share = std::min(std::abs(above[i] - before[i]) / full, 1.0f);
+        side.height_m[i] = maps.gap[i] ? 0.0f : std::clamp(glm::mix(above[i], below[i], share), reach[i], -reach[i]);
+    }
+}
+
+// Central differences, periodic.
+void difference_slopes(FabricMaps& maps, SideMaps& side)
+{
+    const int w = maps.size.x, h = maps.size.y;
+    const glm::vec2 scale = 0.5f * glm::vec2(maps.size) / maps.tile_m;
+    tbb::parallel_for(0, h, [&](int y) {
+        const auto row = [&](int r) { return side.height_m.data() + std::ptrdiff_t(wrapped(r, h)) * w; };
+        const float *here = row(y), *before = row(y - 1), *after = row(y + 1);
+        for (int x = 0; x < w; ++x)
+            side.slope[static_cast<std::size_t>(y) * static_cast<std::size_t>(w) + static_cast<std::size_t>(x)] = {
+                (here[wrapped(x + 1, w)] - here[wrapped(x - 1, w)]) * scale.x, (after[x] - before[x]) * scale.y};
+    });
+}
+
+} // namespace
+
+int samples_for(glm::ivec2 size)
+{
+    const int side = std::max(size.x, size.y);
+    return side <= 512 ? 4 : side <= 1024 ? 3 : 2;
+}
+
+FabricMaps project_plies(const PlyModel& model, glm::ivec2 size, int samples)
+{
+    FabricMaps maps;
+    maps.size = size;
+    maps.tile_m = model.tile_m;
+    const std::size_t count = static_cast<std::size_t>(size.x) * static_cast<std::size_t>(size.y);
+    for (SideMaps& side : maps.side) {
+        side.height_m.assign(count, 0);
+        side.slope.assign(count, glm::vec2(0));
+        side.azimuth.assign(count, 0);
+        side.yarn.assign(count, 0);
+    }
+    maps.gap.assign(count, 1);
+
+    const Segments segments(model);
+    const glm::vec2 step_m = model.tile_m / glm::vec2(size) / static_cast<float>(samples);
+    const int rows = size.y * samples;
+    const Bins bins = bin_segments(segments, model.tile_m.y, step_m.y, rows, band_rows * samples);
+    tbb::parallel_for(std::size_t(0), bins.start.size() - 1, [&](std::size_t b) {
+        thread_local Band band;
+        const int y0 = static_cast<int>(b) * band_rows, y1 = std::min(y0 + band_rows, size.y);
+        band.reset(size.x * samples, y0 * samples, (y1 - y0) * samples);
+        for (std::size_t k = bins.start[b]; k < bins.start[b + 1]; ++k)
+            rasterise(segments, bins.items[k].segment, static_cast<float>(bins.items[k].shift) * model.tile_m.y, step_m, band);
+        for (int y = y0; y < y1; ++y)
+            for (int x = 0; x < size.x; ++x)
+                filter_texel(segments, band, x, y, samples, maps);
+    });
+    fill_gaps(maps);
+    for (SideMaps& side : maps.side) {
+        limit_slopes(maps, side);
+        difference_slopes(maps, side);
+    }
+    return maps;
+}
+
+std::vector<glm::vec2> slope_mips(const std::vector<glm::vec2>& slope, glm::ivec2 size)
+{
+    std::vector<glm::vec2> out, above = slope;
+    // Level 0 cells under one cell of the next level, with the shares of their length that lie in it.
+    struct Tap {
+        int cell;
+        float weight;
+    };
+    const auto taps = [](int i, int from, int to) {
+        std::vector<Tap> list;
+        const double low = static_cast<double>(i) * from / to, high = static_cast<double>(i + 1) * from / to;
+        for (int c = static_cast<int>(low); c < from && static_cast<double>(c) < high - 1e-9; ++c)
+            list.push_back({c, static_cast<float>((std::min(high, c + 1.0) - std::max(low, static_cast<double>(c))) / (high - low))});
+        return list;
+    };
+    for (int level = 1; level < slope_level_count(size); ++level) {
+        const glm::ivec2 from = slope_level_size(size, level - 1), to = slope_level_size(size, level);
+        std::vector<glm::vec2> here(static_cast<std::size_t>(to.x) * static_cast<std::size_t>(to.y));
+        std::vector<std::vector<Tap>> columns;
+        for (int x = 0; x < to.x; ++x)
+            columns.push_back(taps(x, from.x, to.x));
+        for (int y = 0; y < to.y; ++y)
+            for (const Tap& row : taps(y, from.y, to.y))
+                for (int x = 0; x < to.x; ++x)
+                    for (const Tap& column : columns[static_cast<std::size_t>(x)])
+                        here[static_cast<std::size_t>(y * to.x + x)] +=
+                            row.weight * column.weight * above[static_cast<std::size_t>(row.cell * from.x + column.cell)];
+        out.insert(out.end(), here.begin(), here.end());
+        above.swap(here);
+    }
+    return out;
+}
+
+} // namespace selvedge

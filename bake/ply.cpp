@@ -1,0 +1,276 @@
+// bake/ply.cpp: woven repeats to plies.
+#include "ply.hpp"
+
+#include <algorithm>
+#include <cmath>
+#include <numeric>
+
+#include "error.hpp"
+
+namespace selvedge {
+
+namespace {
+
+constexpr float pi = 3.14159265358979f;
+constexpr int fewest_threads = 4;          // small repeats are repeated: room for a turn of the plies
+constexpr float fewest_texels_for_plies = 6; // across a yarn
+constexpr float ply_compression = 1.12f;   // plies in contact flatten: radius over that of round plies that just touch
+
+// Lengths of threads: the artist's mean times the draft's proportions.
+std::vector<float> lengths(const std::vector<DraftThread>& threads, float DraftThread::*member, float mean_m)
+{
+    double sum = 0;
+    std::size_t count = 0;
+    for (const DraftThread& thread : threads)
+        if (thread.*member > 0) {
+            sum += static_cast<double>(thread.*member);
+            ++count;
+        }
+    const float mean = count ? static_cast<float>(sum / static_cast<double>(count)) : 1.0f;
+    std::vector<float> out;
+    for (const DraftThread& thread : threads)
+        out.push_back(thread.*member > 0 ? mean_m * thread.*member / mean : mean_m);
+    return out;
+}
+
+// Neighbours must not lie inside each other. Returns how many widths were cut.
+int fit_widths(std::vector<float>& width_m, const std::vector<float>& spacing_m)
+{
+    int cut = 0;
+    for (std::size_t t = 0; t < width_m.size(); ++t) {
+        const float before = spacing_m[(t + spacing_m.size() - 1) % spacing_m.size()], after = spacing_m[t];
+        const float most = std::min(before, after);
+        if (width_m[t] > most * 1.0001f) {
+            width_m[t] = most;
+            ++cut;
+        }
+    }
+    return cut;
+}
+
+float total(const std::vector<float>& values) { return std::accumulate(values.begin(), values.end(), 0.0f); }
+
+float smallest(const std::vector<float>& values) { return *std::min_element(values.begin(), values.end()); }
+
+int even_up(float texels) { return std::max(2, 2 * static_cast<int>(std::ceil(texels / 2 - 1e-3f))); }
+
+// Radius of n equal plies around a yarn's axis and of their helix, for a yarn of radius 1.
+glm::vec2 ply_radii(int plies)
+{
+    if (plies == 1)
+        return {1, 0};
+    const float s = std::sin(pi / static_cast<float>(plies));
+    const float radius = std::min(ply_compression * s / (1 + s), 0.9f);
+    return {radius, 1 - radius};
+}
+
+// Steps of 1/plies turn over `length_m` so that the ply leans by about `twist_deg`: the tile closes with equal plies.
+int turn_steps(const YarnSpec& yarn, int plies, float width_m, float length_m)
+{
+    const float helix_m = ply_radii(plies).y * width_m / 2;
+    if (plies == 1 || yarn.ply_twist_deg == 0)
+        return 0;
+    const float turns = length_m * std::tan(yarn.ply_twist_deg * pi / 180) / (2 * pi * helix_m);
+    const int steps = static_cast<int>(std::lround(turns * static_cast<float>(plies)));
+    return steps != 0 ? steps : turns > 0 ? 1 : -1;
+}
+
+float twist_of_steps(int steps, int plies, float width_m, float length_m)
+{
+    const float turns = static_cast<float>(steps) / static_cast<float>(plies);
+    return std::atan(turns * 2 * pi * ply_radii(plies).y * width_m / 2 / length_m) * 180 / pi;
+}
+
+// The wave of one yarn's axis: heights at the crossings and a cosine between them.
+struct Axis {
+    std::vector<float> at_m, height_m; // positions of the crossings, rising; heights there
+    float period_m = 0;
+
+    // height and slope at s, any s
+    glm::vec2 operator()(float s) const
+    {
+        const std::size_t count = at_m.size();
+        const float wrapped = s - period_m * std::floor((s - at_m[0]) / period_m);
+        const auto next = std::upper_bound(at_m.begin(), at_m.end(), wrapped);
+        const std::size_t i = static_cast<std::size_t>(next - at_m.begin()) - 1, j = (i + 1) % count;
+        const float span = (j > i ? at_m[j] : at_m[0] + period_m) - at_m[i];
+        const float t = std::clamp((wrapped - at_m[i]) / span, 0.0f, 1.0f);
+        const float rise = height_m[j] - height_m[i];
+        return {height_m[i] + rise * (1 - std::cos(pi * t)) / 2, rise * pi * std::sin(pi * t) / (2 * span)};
+    }
+};
+
+// Positions of axes: half of the last spacing before the first one.
+std::vector<float> positions(const std::vector<float>& spacing_m)
+{
+    std::vector<float> out;
+    float at = spacing_m.back() / 2;
+    for (const float spacing : spacing_m) {
+        out.push_back(at);
+        at += spacing;
+    }
+    return out;
+}
+
+} // namespace
+
+WovenPlan plan_woven(const Fabric& fabric, int resolution)
+{
+    WovenPlan plan;
+    const YarnTypes types = yarn_types(fabric);
+    if (!types.warning.empty())
+        plan.warnings.push_back(types.warning);
+
+    // Threads that differ in nothing one can see are the same thread.
+    Draft draft = fabric.draft;
+    for (std::size_t e = 0; e < draft.ends.size(); ++e)
+        draft.ends[e].colour = types.end_type[e];
+    for (std::size_t p = 0; p < draft.picks.size(); ++p)
+        draft.picks[p].colour = types.pick_type[p];
+    // Proportions are taken before the repeat is cut: the mean over the draft is the artist's number.
+    const auto proportions = [](std::vector<DraftThread>& threads) {
+        const auto spacing = lengths(threads, &DraftThread::spacing_m, 1), thickness = lengths(threads, &DraftThread::thickness_m, 1);
+        for (std::size_t t = 0; t < threads.size(); ++t) {
+            threads[t].spacing_m = spacing[t];
+            threads[t].thickness_m = thickness[t];
+        }
+    };
+    proportions(draft.ends);
+    proportions(draft.picks);
+    draft = smallest_repeat(draft);
+    const auto times = [](std::size_t threads) {
+        return (fewest_threads + static_cast<int>(threads) - 1) / static_cast<int>(std::min(threads, std::size_t(fewest_threads)));
+    };
+    plan.repeat = repeated(draft, draft.ends.size() < fewest_threads ? times(draft.ends.size()) : 1,
+                           draft.picks.size() < fewest_threads ? times(draft.picks.size()) : 1);
+
+    for (const DraftThread& end : plan.repeat.ends) {
+        plan.end_type.push_back(end.colour);
+        plan.end_spacing_m.push_back(fabric.warp.spacing_m * end.spacing_m);
+        plan.end_width_m.push_back(fabric.warp.width_m * end.thickness_m);
+    }
+    for (const DraftThread& pick : plan.repeat.picks) {
+        plan.pick_type.push_back(pick.colour);
+        plan.pick_spacing_m.push_back(fabric.weft.spacing_m * pick.spacing_m);
+        plan.pick_width_m.push_back(fabric.weft.width_m * pick.thickness_m);
+    }
+    if (const int cut = fit_widths(plan.end_width_m, plan.end_spacing_m) + fit_widths(plan.pick_width_m, plan.pick_spacing_m))
+        plan.warnings.push_back(format_text("%d of %zu yarns are wider than their spacing: narrowed to it", cut,
+                                            plan.end_width_m.size() + plan.pick_width_m.size()));
+    plan.tile_m = {total(plan.end_spacing_m), total(plan.pick_spacing_m)};
+
+    // Texels: square as far as even counts allow.
+    const float longer_m = std::max(plan.tile_m.x, plan.tile_m.y);
+    const float narrowest_m = std::min(smallest(plan.end_width_m), smallest(plan.pick_width_m));
+    const auto side_for = [&](float texels_across) { return longer_m / narrowest_m * texels_across; };
+    float side = static_cast<float>(std::min(resolution, side_limit));
+    if (side_for(texels_per_yarn) > side) {
+        const float wished = std::min(side_for(texels_per_yarn), static_cast<float>(side_limit));
+        if (side_for(1.5f) > static_cast<float>(side_limit))
+            throw InputError(fabric.path.empty() ? fabric.name : fabric.path, 0,
+                             "repeat of %zu ends x %zu picks, %.3g x %.3g m, needs %.0f texels a side for 1.5 texels across "
+                             "the finest yarn, expected at most %d", plan.repeat.ends.size(), plan.repeat.picks.size(),
+                             static_cast<double>(plan.tile_m.x), static_cast<double>(plan.tile_m.y),
+                             static_cast<double>(side_for(1.5f)), side_limit);
+        plan.warnings.push_back(format_text("resolution raised from %d to %d: %.2g texels across the finest yarn (%d wished)",
+                                            resolution, even_up(wished), static_cast<double>(wished / side_for(1)), texels_per_yarn));
+        side = wished;
+    }
+    const float texel_m = longer_m / static_cast<float>(even_up(side));
+    plan.size = {std::min(even_up(plan.tile_m.x / texel_m), side_limit), std::min(even_up(plan.tile_m.y / texel_m), side_limit)};
+
+    const auto fit_plies = [&](const YarnSpec& yarn, const std::vector<float>& width_m, float length_m, const char* system,
+                               int& plies, int& steps) {
+        const float mean_m = total(width_m) / static_cast<float>(width_m.size());
+        plies = yarn.plies;
+        if (plies > 1 && mean_m / texel_m < fewest_texels_for_plies) {
+            plan.warnings.push_back(format_text("%s yarns are %.2g texels wide: their %d plies are drawn as one", system,
+                                                static_cast<double>(mean_m / texel_m), plies));
+            plies = 1;
+        }
+        steps = turn_steps(yarn, plies, mean_m, length_m);
+        const float got = twist_of_steps(steps, plies, mean_m, length_m);
+        if (plies > 1 && std::abs(got - yarn.ply_twist_deg) > 4)
+            plan.warnings.push_back(format_text("%s ply twist %.3g deg drawn as %.3g, so that the tile closes", system,
+                                                static_cast<double>(yarn.ply_twist_deg), static_cast<double>(got)));
+    };
+    fit_plies(fabric.warp, plan.end_width_m, plan.tile_m.y, "warp", plan.warp_plies, plan.warp_turns);
+    fit_plies(fabric.weft, plan.pick_width_m, plan.tile_m.x, "weft", plan.weft_plies, plan.weft_turns);
+    return plan;
+}
+
+PlyModel weave_plies(const Fabric& fabric, const WovenPlan& plan)
+{
+    PlyModel model;
+    model.tile_m = plan.tile_m;
+    const std::vector<float> end_at = positions(plan.end_spacing_m), pick_at = positions(plan.pick_spacing_m);
+    const float texel_m = std::max(plan.tile_m.x / static_cast<float>(plan.size.x), plan.tile_m.y / static_cast<float>(plan.size.y));
+
+    // Shares of the crimp: only their proportion counts where both are stated.
+    float warp_share = fabric.warp.crimp.value_or(1 - fabric.weft.crimp.value_or(0.5f));
+    float weft_share = fabric.weft.crimp.value_or(1 - warp_share);
+    const float sum = warp_share + weft_share;
+    warp_share = sum > 1e-3f ? warp_share / sum : 0.5f;
+    weft_share = 1 - warp_share;
+
+    const auto thread = [&](bool warp, std::size_t index) {
+        const YarnSpec& yarn = warp ? fabric.warp : fabric.weft;
+        const YarnSpec& other = warp ? fabric.weft : fabric.warp;
+        const auto& crossing_width = warp ? plan.pick_width_m : plan.end_width_m;
+        const float half_width = (warp ? plan.end_width_m : plan.pick_width_m)[index] / 2;
+        const float across = (warp ? end_at : pick_at)[index];
+        const float share = warp ? warp_share : weft_share;
+        const float length = warp ? plan.tile_m.y : plan.tile_m.x;
+        const int plies = warp ? plan.warp_plies : plan.weft_plies;
+        const int steps = warp ? plan.warp_turns : plan.weft_turns;
+
+        Axis axis;
+        axis.at_m = warp ? pick_at : end_at;
+        axis.period_m = length;
+        for (std::size_t c = 0; c < axis.at_m.size(); ++c) {
+            const bool on_top = plan.repeat.warp_on_top(warp ? c : index, warp ? index : c) == warp;
+            const float reach = share * (yarn.aspect * half_width + other.aspect * crossing_width[c] / 2);
+            axis.height_m.push_back(on_top ? reach : -reach);
+        }
+
+        // Fine enough for the cosine between two crossings and for the helix, and never finer than texels can show.
+        const float finest = smallest(warp ? plan.pick_spacing_m : plan.end_spacing_m);
+        float step_m = finest / 16;
+        if (steps != 0)
+            step_m = std::min(step_m, length * static_cast<float>(plies) / static_cast<float>(std::abs(steps)) / 32);
+        const int count = static_cast<int>(std::ceil(length / std::max(step_m, 0.75f * texel_m)));
+        const glm::vec2 radii = ply_radii(plies) * half_width;
+        // Neighbouring yarns must not turn in step; the golden ratio spreads their phases.
+        const float phase = 0.6180339887f * static_cast<float>(index + (warp ? 1 : 0));
+
+        for (int ply = 0; ply < plies; ++ply) {
+            PlyTube tube;
+            tube.aspect = yarn.aspect;
+            tube.warp = warp;
+            tube.yarn = (warp ? plan.end_type : plan.pick_type)[index];
+            tube.points.reserve(static_cast<std::size_t>(count) + 1);
+            for (int k = 0; k <= count; ++k) {
+                const float share_of_length = static_cast<float>(k % count) / static_cast<float>(count);
+                const float s = share_of_length * length, lap = k == count ? length : 0;
+                const glm::vec2 wave = axis(s);
+                // Z twist: the near plies rise to the right of the yarn's way, seen with the way up.
+                const float turn = (phase + static_cast<float>(ply) - static_cast<float>(steps) * share_of_length) / static_cast<float>(plies);
+                const float angle = 2 * pi * (turn - std::floor(turn));
+                // In the space where the section is round: along the yarn, across it to the right, up.
+                const float slope = wave.y / yarn.aspect, norm = 1 / std::sqrt(1 + slope * slope);
+                const float up = radii.y * std::sin(angle), right = radii.y * std::cos(angle);
+                const float along = s + lap - slope * norm * up;
+                const float height = wave.x + yarn.aspect * norm * up;
+                tube.points.push_back({warp ? glm::vec3(across + right, along, height) : glm::vec3(along, across - right, height), radii.x});
+            }
+            model.tubes.push_back(std::move(tube));
+        }
+    };
+    for (std::size_t e = 0; e < end_at.size(); ++e)
+        thread(true, e);
+    for (std::size_t p = 0; p < pick_at.size(); ++p)
+        thread(false, p);
+    return model;
+}
+
+} // namespace selvedge

@@ -1,0 +1,73 @@
+// bake/program.cpp: exit statuses, version text, provenance.
+#include "program.hpp"
+
+#include <cstdio>
+#include <cstring>
+#include <exception>
+#include <new>
+
+#include "error.hpp"
+#include "revision.hpp" // written by revision.cmake at every build
+
+namespace selvedge {
+
+int run_program(const char* program, const std::function<int()>& body)
+try {
+    return body();
+}
+catch (const UsageError& error) {
+    std::fprintf(stderr, "%s: %s (see %s --help)\n", program, error.what(), program);
+    return 2;
+}
+catch (const std::bad_alloc&) {
+    std::fprintf(stderr, "%s: out of memory\n", program);
+    return 1;
+}
+catch (const std::exception& error) {
+    std::fprintf(stderr, "%s: %s\n", program, error.what());
+    return 1;
+}
+
+std::string version_text(const char* program, const std::map<std::string, std::string>& libraries)
+{
+    std::string text = format_text("%s %s (git %s)\n", program, version(), git_revision());
+    const char* separator = "";
+    for (const auto& [name, number] : libraries) {
+        text += separator + name + " " + number;
+        separator = ", ";
+    }
+    return libraries.empty() ? text : text + "\n";
+}
+
+const char* version() { return SELVEDGE_VERSION; }
+
+const char* git_revision() { return SELVEDGE_REVISION; }
+
+std::string command_line(int argc, const char* const* argv)
+{
+    std::string line;
+    for (int i = 0; i < argc; ++i) {
+        const std::string word = argv[i];
+        const bool plain = !word.empty() && word.find_first_of(" \t\n'\"\\$&|;<>()*?") == std::string::npos;
+        line += i == 0 ? "" : " ";
+        if (plain) {
+            line += word;
+            continue;
+        }
+        line += '\'';
+        for (const char c : word)
+            line += c == '\'' ? std::string("'\\''") : std::string(1, c);
+        line += '\'';
+    }
+    return line;
+}
+
+std::map<std::string, std::string> provenance(int argc, const char* const* argv)
+{
+    return {{"Software", std::string("selvedge ") + version()},
+            {"selvedge:version", version()},
+            {"selvedge:git", git_revision()},
+            {"selvedge:command", command_line(argc, argv)}};
+}
+
+} // namespace selvedge

@@ -1,0 +1,35 @@
+// bake/visibility.hpp: height fields to horizons, knots and cosine irradiance. maps -> here -> pack.
+#pragma once
+
+#include <cstdint>
+#include <vector>
+
+#include <glm/glm.hpp>
+
+namespace selvedge {
+
+inline constexpr int horizon_azimuths = 32; // marched; the 8 knots are fitted to them
+
+// A periodic height field in its own frame (the back's is mirrored): w*h, row 0 at v = 0.
+struct HeightField {
+    glm::ivec2 size{0};
+    glm::vec2 tile_m{0};
+    const std::vector<float>* height_m = nullptr;
+};
+
+// The horizons of a field as packed knots, (w/2)*(h/2): seen from the middle of each 2 x 2 block of texels.
+//   march   s = sin(elevation), clamped to [0, 1] (math.md 8.1), at azimuths 2 pi (j + 1/2) / 32. Exact: every texel row or
+//           column that the ray crosses, heights interpolated along it, from 1 texel on, until the highest point of the
+//           field could no longer raise the horizon or one tile length has passed
+//   fit     least squares of the periodic piecewise-linear 8-knot spline over cloth_horizon_azimuth (math.md 8.5),
+//           clamped, quantised to unorm8
+std::vector<glm::uvec2> horizon_knots(const HeightField& field);
+
+// Horizon from any point (in texels; texel centres at .5) along one azimuth; the same march. Oracle for the fit.
+float march_horizon(const HeightField& field, float highest_m, glm::vec2 at_texels, float azimuth);
+
+// I_p of math.md 8.1: (1/pi) INT max(0, n.d) V dd over the hemisphere for each full-resolution texel, from its slope (as
+// stored: clamped) and the packed half-resolution knots around it. w*h values in [0, 1].
+std::vector<float> cosine_irradiance(const std::vector<glm::uvec2>& knots, const std::vector<glm::vec2>& slopes, glm::ivec2 size);
+
+} // namespace selvedge

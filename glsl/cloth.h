@@ -1,0 +1,12 @@
+// All of the shared source in its order. C++ includes it once per precision (through cloth_bsdf.hpp), GLSL roots once.
+#include "random.h"
+#include "color.h"
+#include "cloth_types.h"
+#include "cloth_bsdf.h"
+#include "cloth_visibility.h"
+#include "cloth_fetch.h"
+#include "cloth_maps.h"
+#include "cloth_footprint.h"
+#include "cloth_surface.h"
+#include "cloth_light.h"
+#include "cloth_direct.h"

@@ -1,0 +1,43 @@
+// The C++ door to the shared shading source: cloth::f32 is the shader's arithmetic, cloth::f64 the oracle that tests trust.
+// Imports glm and the shared headers; everything in C++ that shades includes this file and none of them.
+#pragma once
+#define CLOTH_BSDF_HPP
+#include <cmath>
+#include <cstdint>
+#include <glm/glm.hpp>
+#include "interop.h"
+
+namespace cloth {
+
+inline std::uint32_t cloth_reverse_bits(std::uint32_t x)
+{
+    x = __builtin_bswap32(x);
+    x = ((x >> 4) & 0x0f0f0f0fu) | ((x & 0x0f0f0f0fu) << 4);
+    x = ((x >> 2) & 0x33333333u) | ((x & 0x33333333u) << 2);
+    return ((x >> 1) & 0x55555555u) | ((x & 0x55555555u) << 1);
+}
+
+inline std::uint32_t cloth_multiply_high(std::uint32_t a, std::uint32_t b)
+{
+    return static_cast<std::uint32_t>((std::uint64_t(a) * b) >> 32);
+}
+
+}   // namespace cloth
+
+namespace cloth::f32 {
+using namespace glm;
+using real = float;
+using real2 = vec2;
+using real3 = vec3;
+using real4 = vec4;
+#include "cloth.h"
+}   // namespace cloth::f32
+
+namespace cloth::f64 {
+using namespace glm;
+using real = double;
+using real2 = dvec2;
+using real3 = dvec3;
+using real4 = dvec4;
+#include "cloth.h"
+}   // namespace cloth::f64

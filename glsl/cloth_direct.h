@@ -1,0 +1,119 @@
+// Direct light at a shaded surface: everything but the shadow ray. Shared; imports all of the above. Both renderers do
+//   ClothDirect d = cloth_direct(...);  if (d.any && light reaches) colour += d.value;
+
+// What is shaded: a chosen point of a fabric, or matte.
+struct ClothShading {
+    bool matte;
+    real3 albedo;               // matte only
+    ClothSelection selection;   // fabric only
+    ClothYarn yarn;
+};
+
+struct ClothDirect {
+    bool any;        // false: no shadow ray is needed
+    real3 wi;        // unit, world
+    real distance;   // [m] to the light
+    real3 value;     // radiance toward the viewer if nothing is in the way
+};
+
+CLOTH_FN ClothShading cloth_shade_matte(real3 albedo)
+{
+    ClothShading shading;
+    shading.matte  = true;
+    shading.albedo = albedo;
+    return shading;
+}
+
+CLOTH_FN ClothShading cloth_shade_fabric(ClothMaps maps, ClothSelection selection)
+{
+    ClothShading shading;
+    shading.matte     = false;
+    shading.albedo    = real3(real(0));
+    shading.selection = selection;
+    shading.yarn      = cloth_fetch_yarn(maps, selection.texel.yarn);
+    return shading;
+}
+
+// Effective BSDF times cosine, visibility of wi included.
+CLOTH_FN real3 cloth_shading_value(ClothShading shading, real3 wi, real3 wo, ClothSettings settings)
+{
+    if (shading.matte) return shading.albedo * (max(wi.z, real(0)) / cloth_pi);
+    real v = wi.z > real(0) ? cloth_visibility_of(shading.selection.horizon_f, wi, settings)
+                            : cloth_visibility_of(shading.selection.horizon_b, cloth_mirror(wi), settings);
+    if (v <= real(0)) return real3(real(0));
+    return cloth_point_value(shading.selection.texel.point, shading.yarn, wi, wo) * (v * shading.selection.weight);
+}
+
+CLOTH_FN real cloth_shading_pdf(ClothShading shading, real3 wi, real3 wo)
+{
+    if (shading.matte) return max(wi.z, real(0)) / cloth_pi;
+    return cloth_point_pdf(shading.selection.texel.point, shading.yarn, wi, wo);
+}
+
+CLOTH_FN ClothSample cloth_shading_sample(ClothShading shading, real3 wo, real2 u_lobe, real2 u)
+{
+    if (shading.matte) {
+        real3 wi = cloth_cosine_sample(real3(real(0), real(0), real(1)), u);
+        return ClothSample(wi, wi.z / cloth_pi);
+    }
+    return cloth_point_sample(shading.selection.texel.point, shading.yarn, wo, u_lobe, u);
+}
+
+// A light, chosen by its pmf; u is stretched to be uniform again.
+struct ClothLightChoice {
+    ClothLight light;
+    real u;
+};
+
+CLOTH_FN ClothLightChoice cloth_choose_light(ClothLights lights, real u)
+{
+    ClothLight light = cloth_fetch_light(lights, 0);
+    real below = real(0);
+    for (int k = 0; k + 1 < lights.count && u >= below + light.pmf; ++k) {
+        below += light.pmf;
+        light = cloth_fetch_light(lights, k + 1);
+    }
+    return ClothLightChoice(light, clamp((u - below) / light.pmf, real(0), real(0.99999994)));
+}
+
+// One sample of direct light: one light, one strategy (light or BSDF sampling, one-sample MIS with the balance heuristic,
+// Veach 1997, 9.2.4), at most one shadow ray. lights.count may be 0.
+CLOTH_FN ClothDirect cloth_direct(ClothLights lights, ClothSurface surface, ClothShading shading, ClothSettings settings,
+                                  ClothRandom random)
+{
+    ClothDirect none = ClothDirect(false, surface.normal_g, cloth_far, real3(real(0)));
+    if (lights.count == 0) return none;
+    real2 u_light           = cloth_draw(random, cloth_dim_light);
+    ClothLightChoice choice = cloth_choose_light(lights, u_light.x);
+    bool both     = cloth_light_wants_bsdf(choice.light);
+    bool use_bsdf = both && choice.u < real(0.5);
+    real2 u_emit  = cloth_draw(random, use_bsdf ? cloth_dim_direction : cloth_dim_subtexel);
+
+    ClothLightSample seen;
+    if (use_bsdf) {
+        ClothSample s = cloth_shading_sample(shading, surface.wo, real2(u_light.y, choice.u * real(2)), u_emit);
+        if (s.pdf <= real(0)) return none;
+        seen = cloth_light_hit(lights, choice.light, surface.position, cloth_to_world(surface.frame, s.wi));
+    } else {
+        seen = cloth_light_sample(lights, choice.light, surface.position, u_emit, cloth_draw_bits(random, cloth_dim_emitter));
+    }
+    if (seen.pdf <= real(0)) return none;
+    real3 wi = cloth_to_local(surface.frame, seen.wi);
+    // Shading and geometric normal must agree on the side that the light is on [math.md 10, hazard 23].
+    if (wi.z * dot(seen.wi, surface.normal_g) <= real(0)) return none;
+    real3 value = cloth_shading_value(shading, wi, surface.wo, settings) * seen.radiance;
+    if (max(value.x, max(value.y, value.z)) <= real(0)) return none;
+    real pdf = seen.pdf;
+    if (both) pdf = real(0.5) * (seen.pdf + cloth_shading_pdf(shading, wi, surface.wo));
+    return ClothDirect(true, seen.wi, seen.distance, value / (pdf * choice.light.pmf));
+}
+
+// Radiance of the environment behind everything, 0 where there is none or it is hidden from the camera.
+CLOTH_FN real3 cloth_background(ClothLights lights, real3 direction)
+{
+    if (lights.count == 0 || lights.environment_size.x == 0) return real3(real(0));
+    ClothLight light = cloth_fetch_light(lights, 0);   // the environment, where there is one, is light 0
+    if (light.kind != cloth_light_environment || light.shape.y > real(0)) return real3(real(0));
+    real4 seen = cloth_environment(lights, light, direction);
+    return real3(seen.x, seen.y, seen.z);
+}

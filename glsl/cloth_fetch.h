@@ -1,0 +1,111 @@
+// The one door through which shared code reads memory: arrays in C++, buffers and textures in GLSL. Imports cloth_types.h.
+//   cloth_fetch_texel      side 0 front, 1 back; xy in [0, size)
+//   cloth_fetch_horizon    xy in [0, size / 2)
+//   cloth_fetch_slope_mip  index into the concatenated mip levels 1, 2, ...
+//   cloth_fetch_environment  rgb radiance, w density over UV (mean 1)
+//   cloth_fetch_alias      x threshold as a 32-bit fraction, y the other texel (alias method, Walker 1977)
+#ifdef __cplusplus
+
+struct ClothMaps {
+    ivec2 size = ivec2(0, 0);   // texels of the repeat
+    const glm::uvec2* texels[2]   = {nullptr, nullptr};
+    const glm::uvec2* horizons[2] = {nullptr, nullptr};
+    const glm::uint* mips[2]      = {nullptr, nullptr};
+    const ClothYarn* yarns        = nullptr;
+};
+
+struct ClothLights {
+    int count = 0;
+    ivec2 environment_size       = ivec2(0, 0);
+    const ClothLight* lights     = nullptr;
+    const real4* environment     = nullptr;
+    const glm::uvec2* alias      = nullptr;
+};
+
+inline uvec2 cloth_fetch_texel(const ClothMaps& maps, int side, ivec2 xy)
+{
+    return maps.texels[side][xy.y * maps.size.x + xy.x];
+}
+inline uvec2 cloth_fetch_horizon(const ClothMaps& maps, int side, ivec2 xy)
+{
+    return maps.horizons[side][xy.y * (maps.size.x / 2) + xy.x];
+}
+inline uint cloth_fetch_slope_mip(const ClothMaps& maps, int side, int index)
+{
+    return maps.mips[side][index];
+}
+inline ClothYarn cloth_fetch_yarn(const ClothMaps& maps, int index)
+{
+    return maps.yarns[index];
+}
+inline ClothLight cloth_fetch_light(const ClothLights& lights, int index)
+{
+    return lights.lights[index];
+}
+inline real4 cloth_fetch_environment(const ClothLights& lights, ivec2 xy)
+{
+    return lights.environment[xy.y * lights.environment_size.x + xy.x];
+}
+inline uvec2 cloth_fetch_alias(const ClothLights& lights, int texel)
+{
+    return lights.alias[texel];
+}
+
+#else
+
+uniform usamplerBuffer map_words;      // RG32UI: texels and horizons of all fabrics
+uniform usamplerBuffer slope_words;    // R32UI: slope mips of all fabrics
+uniform samplerBuffer yarn_table;      // RGBA32F, five texels a yarn type
+uniform samplerBuffer light_table;     // RGBA32F, six texels a light
+uniform sampler2D environment_map;     // RGBA32F
+uniform usampler2D alias_map;          // RG32UI, as large as the environment
+
+struct ClothMaps {
+    ivec2 size;
+    ivec2 texels;      // first word of front and back in map_words
+    ivec2 horizons;    // likewise
+    ivec2 mips;        // in slope_words
+    int yarns;         // first yarn type in yarn_table
+};
+
+struct ClothLights {
+    int count;
+    ivec2 environment_size;
+};
+
+uvec2 cloth_fetch_texel(ClothMaps maps, int side, ivec2 xy)
+{
+    return texelFetch(map_words, (side == 0 ? maps.texels.x : maps.texels.y) + xy.y * maps.size.x + xy.x).xy;
+}
+uvec2 cloth_fetch_horizon(ClothMaps maps, int side, ivec2 xy)
+{
+    return texelFetch(map_words, (side == 0 ? maps.horizons.x : maps.horizons.y) + xy.y * (maps.size.x / 2) + xy.x).xy;
+}
+uint cloth_fetch_slope_mip(ClothMaps maps, int side, int index)
+{
+    return texelFetch(slope_words, (side == 0 ? maps.mips.x : maps.mips.y) + index).x;
+}
+ClothYarn cloth_fetch_yarn(ClothMaps maps, int index)
+{
+    int base = (maps.yarns + index) * 5;
+    vec4 a = texelFetch(yarn_table, base), b = texelFetch(yarn_table, base + 1), c = texelFetch(yarn_table, base + 2);
+    vec4 d = texelFetch(yarn_table, base + 3), e = texelFetch(yarn_table, base + 4);
+    return ClothYarn(a.xyz, b.xyz, c.xyz, d.xyz, a.w, b.w, c.w, d.w, e.x);
+}
+ClothLight cloth_fetch_light(ClothLights lights, int index)
+{
+    int base = index * 6;
+    vec4 a = texelFetch(light_table, base), b = texelFetch(light_table, base + 1), c = texelFetch(light_table, base + 2);
+    vec4 d = texelFetch(light_table, base + 3), e = texelFetch(light_table, base + 4), f = texelFetch(light_table, base + 5);
+    return ClothLight(int(f.x), f.y, a.xyz, b.xyz, c.xyz, d.xyz, e.xyz, vec2(a.w, b.w));
+}
+vec4 cloth_fetch_environment(ClothLights lights, ivec2 xy)
+{
+    return texelFetch(environment_map, xy, 0);
+}
+uvec2 cloth_fetch_alias(ClothLights lights, int texel)
+{
+    return texelFetch(alias_map, ivec2(texel % lights.environment_size.x, texel / lights.environment_size.x), 0).xy;
+}
+
+#endif

@@ -1,0 +1,136 @@
+// Lights: a kind is one constant (cloth_types.h), one branch in cloth_light_sample and, where it has extent, one in
+// cloth_light_hit. Shared; imports cloth_bsdf.h, cloth_fetch.h, random.h.
+
+struct ClothLightSample {
+    real3 wi;          // unit, world, toward the light
+    real distance;     // [m]; a large number for lights at infinity
+    real3 radiance;    // of a delta light: irradiance at normal incidence
+    real pdf;          // [1/sr]; 0: nothing arrives; 1 for a delta light
+};
+
+CLOTH_CONST real cloth_far = real(1e30);
+
+CLOTH_FN ClothLightSample cloth_no_light()
+{
+    return ClothLightSample(real3(real(0), real(0), real(1)), cloth_far, real3(real(0)), real(0));
+}
+
+CLOTH_FN bool cloth_light_is_delta(ClothLight light)
+{
+    return light.kind == cloth_light_point || light.kind == cloth_light_spot || light.kind == cloth_light_flash ||
+           (light.kind == cloth_light_directional && light.shape.x <= real(0));
+}
+
+// Lights that BSDF sampling can find with profit: the environment and rectangles. A sun is too small for it.
+CLOTH_FN bool cloth_light_wants_bsdf(ClothLight light)
+{
+    return light.kind == cloth_light_environment || light.kind == cloth_light_area;
+}
+
+// ---- environment: latitude-longitude, y up; u = 1/2 + atan2(x, -z) / 2 pi, v = acos(y) / pi from the top row ----------------
+
+CLOTH_FN real3 cloth_environment_direction(real2 uv, real rotation)
+{
+    real phi = (uv.x - real(0.5)) * real(2) * cloth_pi + rotation, theta = uv.y * cloth_pi;
+    return real3(sin(phi) * sin(theta), cos(theta), -cos(phi) * sin(theta));
+}
+
+CLOTH_FN real2 cloth_environment_uv(real3 d, real rotation)
+{
+    real azimuth = d.x == real(0) && d.z == real(0) ? real(0) : atan(d.x, -d.z);
+    real u       = real(0.5) + (azimuth - rotation) / (real(2) * cloth_pi);
+    // atan2 of the horizontal part keeps the angle exact near the poles, where acos does not.
+    real theta   = atan(sqrt(d.x * d.x + d.z * d.z), d.y);
+    return real2(u - floor(u), clamp(theta / cloth_pi, real(0), real(1)));
+}
+
+// Radiance (bilinear, periodic in u) and pdf (of the texel) in direction d; w is the pdf [1/sr].
+CLOTH_FN real4 cloth_environment(ClothLights lights, ClothLight light, real3 d)
+{
+    ivec2 size  = lights.environment_size;
+    real2 uv    = cloth_environment_uv(d, light.shape.x);
+    real2 texel = real2(uv.x * real(size.x), uv.y * real(size.y));
+    int nx = min(int(texel.x), size.x - 1), ny = min(int(texel.y), size.y - 1);
+    real2 c     = real2(texel.x - real(0.5), texel.y - real(0.5));
+    int x0 = int(floor(c.x)), y0 = int(floor(c.y));
+    real fx = c.x - real(x0), fy = c.y - real(y0);
+    int xa = x0 < 0 ? x0 + size.x : x0, xb = x0 + 1 >= size.x ? 0 : x0 + 1;
+    int ya = max(y0, 0), yb = min(y0 + 1, size.y - 1);
+    real4 top    = mix(cloth_fetch_environment(lights, ivec2(xa, ya)), cloth_fetch_environment(lights, ivec2(xb, ya)), fx);
+    real4 bottom = mix(cloth_fetch_environment(lights, ivec2(xa, yb)), cloth_fetch_environment(lights, ivec2(xb, yb)), fx);
+    real4 colour = mix(top, bottom, fy);
+    real density = cloth_fetch_environment(lights, ivec2(nx, ny)).w;
+    real sine    = max(sqrt(d.x * d.x + d.z * d.z), real(1e-7));
+    return real4(real3(colour.x, colour.y, colour.z) * light.radiance, density / (real(2) * cloth_pi * cloth_pi * sine));
+}
+
+// ---- the kinds ----------------------------------------------------------------------------------------------------------------
+
+// Samples a light from a point. u on the emitter; bits choose the environment's texel.
+CLOTH_FN ClothLightSample cloth_light_sample(ClothLights lights, ClothLight light, real3 position, real2 u, uvec2 bits)
+{
+    if (light.kind == cloth_light_environment) {
+        ivec2 size = lights.environment_size;
+        int texel  = int(cloth_multiply_high(bits.x, uint(size.x * size.y)));
+        uvec2 alias = cloth_fetch_alias(lights, texel);
+        if (bits.y >= alias.x) texel = int(alias.y);
+        int x = texel % size.x, y = texel / size.x;
+        real3 wi   = cloth_environment_direction(real2((real(x) + u.x) / real(size.x), (real(y) + u.y) / real(size.y)), light.shape.x);
+        wi         = normalize(wi);
+        real4 seen = cloth_environment(lights, light, wi);
+        return ClothLightSample(wi, cloth_far, real3(seen.x, seen.y, seen.z), seen.w);
+    }
+    if (light.kind == cloth_light_directional) {
+        if (light.shape.x <= real(0)) return ClothLightSample(light.axis, cloth_far, light.radiance, real(1));
+        // Uniform in the cone; 1 - cos is kept as such, since cos of a small angle has no digits left in float.
+        real x    = light.shape.x * u.x;
+        real sine = sqrt(x * (real(2) - x)), phi = real(2) * cloth_pi * u.y;
+        real3 wi  = cloth_to_world(cloth_frame(light.axis), real3(sine * cos(phi), sine * sin(phi), real(1) - x));
+        // Irradiance E at normal incidence comes from radiance E / (pi sin^2); sin^2 = x_max (2 - x_max).
+        real pdf  = real(1) / (real(2) * cloth_pi * light.shape.x);
+        return ClothLightSample(normalize(wi), cloth_far,
+                                light.radiance / (cloth_pi * light.shape.x * (real(2) - light.shape.x)), pdf);
+    }
+    real3 target = light.position;
+    if (light.kind == cloth_light_area)
+        target = target + light.edge_u * (real(2) * u.x - real(1)) + light.edge_v * (real(2) * u.y - real(1));
+    real3 to   = target - position;
+    real dist2 = dot(to, to);
+    if (!(dist2 > real(1e-20))) return cloth_no_light();   // at zero distance there is no direction
+    real distance = sqrt(dist2);
+    real3 wi      = to / distance;
+    real cosine   = -dot(wi, light.axis);
+    if (light.kind == cloth_light_area) {
+        if (cosine <= real(0)) return cloth_no_light();
+        real area = real(4) * length(cross(light.edge_u, light.edge_v));
+        return ClothLightSample(wi, distance, light.radiance, dist2 / (cosine * area));
+    }
+    real lobe = real(1);
+    if (light.kind == cloth_light_flash) lobe = max(cosine, real(0));
+    if (light.kind == cloth_light_spot) {
+        real x = clamp((cosine - light.shape.x) / max(light.shape.y - light.shape.x, real(1e-6)), real(0), real(1));
+        lobe   = x * x * (real(3) - real(2) * x);
+    }
+    return ClothLightSample(wi, distance, light.radiance * (lobe / dist2), lobe > real(0) ? real(1) : real(0));
+}
+
+// What a ray from `position` along wi finds of a light that has extent: radiance, and the pdf that cloth_light_sample has there.
+CLOTH_FN ClothLightSample cloth_light_hit(ClothLights lights, ClothLight light, real3 position, real3 wi)
+{
+    if (light.kind == cloth_light_environment) {
+        real4 seen = cloth_environment(lights, light, wi);
+        return ClothLightSample(wi, cloth_far, real3(seen.x, seen.y, seen.z), seen.w);
+    }
+    if (light.kind == cloth_light_area) {
+        real cosine = -dot(wi, light.axis);
+        if (cosine <= real(1e-6)) return cloth_no_light();
+        real distance = -dot(light.position - position, light.axis) / cosine;
+        if (distance <= real(0)) return cloth_no_light();
+        real3 on = position + wi * distance - light.position;
+        if (abs(dot(on, light.edge_u)) > dot(light.edge_u, light.edge_u) || abs(dot(on, light.edge_v)) > dot(light.edge_v, light.edge_v))
+            return cloth_no_light();
+        real area = real(4) * length(cross(light.edge_u, light.edge_v));
+        return ClothLightSample(wi, distance, light.radiance, distance * distance / (cosine * area));
+    }
+    return cloth_no_light();
+}

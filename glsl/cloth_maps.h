@@ -1,0 +1,88 @@
+// Packed maps of a fabric's repeat -> the point that the BSDF and the visibility see. The words are those of bake/pack.hpp.
+// Shared; imports cloth_bsdf.h, cloth_visibility.h, cloth_fetch.h. side: 0 front, 1 back.
+
+CLOTH_CONST real cloth_slope_max = real(4);   // slopes are stored in [-4, 4] [math.md 10, hazard 2]
+
+// A texel of both sides, decoded.
+struct ClothTexel {
+    ClothPoint point;      // tangent already turned by the fibre twist
+    real2 slope_f;
+    int yarn;              // yarn type; that of the nearest yarn in a gap
+    bool gap;
+    real openness_f;       // I_p, cosine irradiance of the front [8.1]
+};
+
+CLOTH_FN real2 cloth_decode_slopes(uint word)
+{
+    int x = int(word << 16u) >> 16;
+    int y = int(word) >> 16;
+    return real2(real(x), real(y)) * (cloth_slope_max / real(32767));
+}
+
+CLOTH_FN int cloth_wrap(int x, int n)   // periodic index, any x; GLSL leaves % of negative numbers undefined
+{
+    return x < 0 ? n - 1 - (-1 - x) % n : x % n;
+}
+
+CLOTH_FN ivec2 cloth_texel_at(ClothMaps maps, real2 tile)   // nearest texel of a position in tiles, any finite position
+{
+    real2 f = tile - floor(tile);
+    return ivec2(min(int(f.x * real(maps.size.x)), maps.size.x - 1), min(int(f.y * real(maps.size.y)), maps.size.y - 1));
+}
+
+CLOTH_FN bool cloth_texel_is_gap(uvec2 word)
+{
+    return (word.y & 0x800000u) != 0u;
+}
+
+// Both sides of texel xy as seen from `side`: "front" below is the viewer's side.
+CLOTH_FN ClothTexel cloth_texel(ClothMaps maps, int side, ivec2 xy)
+{
+    uvec2 front  = cloth_fetch_texel(maps, side, xy);
+    uvec2 back   = cloth_fetch_texel(maps, 1 - side, xy);
+    real2 s_f    = cloth_decode_slopes(front.x);
+    real2 s_b    = cloth_decode_slopes(back.x);
+    int yarn     = int((front.y >> 16u) & 127u);
+    real len_f   = sqrt(real(1) + dot(s_f, s_f));
+    real len_b   = sqrt(real(1) + dot(s_b, s_b));
+    real3 n_f    = real3(-s_f.x, -s_f.y, real(1)) / len_f;
+    real3 n_b    = real3(-s_b.x, -s_b.y, real(1)) / len_b;
+    real azimuth = real(front.y & 0xffffu) * (cloth_pi / real(65536));
+    real cx = cos(azimuth), cy = sin(azimuth);
+    real3 t_p    = normalize(real3(cx, cy, s_f.x * cx + s_f.y * cy));   // perpendicular to n_f by construction
+    // The mirror of the back side turns the sense of a twist around [math.md 1].
+    real twist   = cloth_fetch_yarn(maps, yarn).twist * (side == 0 ? real(1) : real(-1));
+    real3 t      = cos(twist) * t_p + sin(twist) * cross(n_f, t_p);
+    return ClothTexel(ClothPoint(n_f, n_b, t, len_f, len_b), s_f, yarn, cloth_texel_is_gap(front),
+                      real(front.y >> 24u) / real(255));
+}
+
+// Horizons around a position in tiles: bilinear between half-resolution texels.
+CLOTH_FN ClothHorizon cloth_horizon(ClothMaps maps, int side, ivec2 xy)
+{
+    // Half-resolution texel (X, Y) is at full-resolution coordinate 2X + 1/2 between texel centres.
+    ivec2 size = ivec2(maps.size.x / 2, maps.size.y / 2);
+    real2 h    = real2((real(xy.x) - real(0.5)) * real(0.5), (real(xy.y) - real(0.5)) * real(0.5));
+    real2 base = floor(h);
+    int x0 = cloth_wrap(int(base.x), size.x), y0 = cloth_wrap(int(base.y), size.y);
+    int x1 = cloth_wrap(x0 + 1, size.x), y1 = cloth_wrap(y0 + 1, size.y);
+    return ClothHorizon(cloth_fetch_horizon(maps, side, ivec2(x0, y0)), cloth_fetch_horizon(maps, side, ivec2(x1, y0)),
+                        cloth_fetch_horizon(maps, side, ivec2(x0, y1)), cloth_fetch_horizon(maps, side, ivec2(x1, y1)), h - base);
+}
+
+// Mean slopes (sx, sy) of the 2^level block around a position in tiles; level 0 is the texel, the last level the tile [7].
+CLOTH_FN real2 cloth_mean_slopes(ClothMaps maps, int side, real2 tile, int level)
+{
+    ivec2 size = maps.size;
+    if (level <= 0) return cloth_decode_slopes(cloth_fetch_texel(maps, side, cloth_texel_at(maps, tile)).x);
+    int offset = 0;
+    for (int l = 1; l < level && (size.x > 3 || size.y > 3); ++l) {
+        size = ivec2(max(size.x / 2, 1), max(size.y / 2, 1));
+        offset += size.x * size.y;
+    }
+    size    = ivec2(max(size.x / 2, 1), max(size.y / 2, 1));
+    real2 f = tile - floor(tile);
+    int x   = min(int(f.x * real(size.x)), size.x - 1);
+    int y   = min(int(f.y * real(size.y)), size.y - 1);
+    return cloth_decode_slopes(cloth_fetch_slope_mip(maps, side, offset + y * size.x + x));
+}

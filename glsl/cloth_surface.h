@@ -1,0 +1,140 @@
+// From camera and triangle to the surface that is shaded: position, frame, UV and its exact derivatives. Shared;
+// imports cloth_bsdf.h.
+
+struct ClothCamera {
+    real3 position;   // [m]
+    real3 forward;    // unit
+    real3 right;      // unit times tan(half horizontal field of view)
+    real3 up;         // unit times tan(half vertical field of view)
+    real2 resolution; // [px]
+};
+
+// A ray and how its direction changes per pixel. The direction is not unit: its forward component is 1.
+struct ClothRay {
+    real3 origin;
+    real3 direction;
+    real3 direction_dx;
+    real3 direction_dy;
+};
+
+struct ClothTriangle {
+    real3 p0;   // [m], world
+    real3 p1;
+    real3 p2;
+    real3 n0;   // vertex normals, any length
+    real3 n1;
+    real3 n2;
+    real2 t0;   // UV in tiles of the fabric
+    real2 t1;
+    real2 t2;
+};
+
+struct ClothSurface {
+    real3 position;     // [m], world
+    real3 normal_g;     // unit geometric normal on the viewer's side
+    ClothFrame frame;   // local frame: z the shading normal on the viewer's side, x along +u, y along +v
+    real3 wo;           // local, to the viewer, wo.z > 0
+    real2 tile;         // UV in tiles
+    real2 tile_dx;      // change per pixel in x and y
+    real2 tile_dy;
+    int side;           // 0: seen from the front (counter-clockwise), 1: from behind
+};
+
+// Ray through raster position (px, py), pixel (0, 0) at the top left.
+CLOTH_FN ClothRay cloth_camera_ray(ClothCamera camera, real2 raster)
+{
+    real x = real(2) * raster.x / camera.resolution.x - real(1);
+    real y = real(1) - real(2) * raster.y / camera.resolution.y;
+    return ClothRay(camera.position, camera.forward + camera.right * x + camera.up * y,
+                    camera.right * (real(2) / camera.resolution.x), camera.up * (real(-2) / camera.resolution.y));
+}
+
+// Pixel filters, importance sampled: offset from the pixel centre in pixels for u in [0, 1)^2.
+CLOTH_CONST int cloth_filter_box  = 0;   // one pixel wide
+CLOTH_CONST int cloth_filter_tent = 1;   // two pixels wide
+CLOTH_FN real2 cloth_filter_offset(int kind, real2 u)
+{
+    if (kind == cloth_filter_box) return u - real2(real(0.5), real(0.5));
+    real x = u.x < real(0.5) ? sqrt(real(2) * u.x) - real(1) : real(1) - sqrt(real(2) - real(2) * u.x);
+    real y = u.y < real(0.5) ? sqrt(real(2) * u.y) - real(1) : real(1) - sqrt(real(2) - real(2) * u.y);
+    return real2(x, y);
+}
+
+// Barycentric coordinates (b1, b2) of a point's projection on the triangle's plane; (1/3, 1/3) where it has no area.
+CLOTH_FN real2 cloth_barycentric(ClothTriangle triangle, real3 point)
+{
+    real3 e1 = triangle.p1 - triangle.p0, e2 = triangle.p2 - triangle.p0;
+    real3 n  = cross(e1, e2);
+    real n2  = dot(n, n);
+    if (n2 <= real(0)) return real2(real(1) / real(3), real(1) / real(3));
+    real3 d  = point - triangle.p0;
+    return real2(dot(cross(d, e2), n) / n2, dot(cross(e1, d), n) / n2);
+}
+
+// Frame from a shading normal and the triangle's UV gradient; flipped to side 1 where asked.
+CLOTH_FN ClothFrame cloth_uv_frame(ClothTriangle triangle, real3 normal_front, real3 geometric_front)
+{
+    real3 e1 = triangle.p1 - triangle.p0, e2 = triangle.p2 - triangle.p0;
+    real2 d1 = triangle.t1 - triangle.t0, d2 = triangle.t2 - triangle.t0;
+    real det   = d1.x * d2.y - d2.x * d1.y;
+    real3 dp_u = (e1 * d2.y - e2 * d1.y) * (det < real(0) ? real(-1) : real(1));   // only the direction counts
+    real3 x    = dp_u - normal_front * dot(normal_front, dp_u);
+    real len2  = dot(x, x);
+    // A triangle without UV area has no direction of yarns: any frame, but always the same one.
+    if (!(len2 > real(1e-12) * dot(dp_u, dp_u)) || det == real(0)) return cloth_frame(normal_front);
+    x        = x / sqrt(len2);
+    real3 y  = cross(normal_front, x);
+    // Mirrored UVs mirror the fabric: y follows +v. The UV winding is judged against the geometric winding.
+    real3 dp_v = (e2 * d1.x - e1 * d2.x) * (det < real(0) ? real(-1) : real(1));
+    if (dot(cross(dp_u, dp_v), geometric_front) < real(0)) y = -y;
+    return ClothFrame(x, y, normal_front);
+}
+
+// The surface where a camera ray meets a triangle. The caller knows that it does (raster or BVH).
+CLOTH_FN ClothSurface cloth_surface(ClothTriangle triangle, ClothRay ray)
+{
+    real3 e1 = triangle.p1 - triangle.p0, e2 = triangle.p2 - triangle.p0;
+    real3 n  = cross(e1, e2);
+    real3 n_front = cloth_unit_vector(n * (real(1) / max(max(abs(n.x), abs(n.y)), max(abs(n.z), real(1e-30)))), real3(real(0), real(0), real(1)));
+    real facing   = dot(n_front, ray.direction);
+    real facing_s = (facing < real(0) ? real(-1) : real(1)) * max(abs(facing), real(1e-12));
+    real t  = dot(triangle.p0 - ray.origin, n_front) / facing_s;
+    real2 b = cloth_barycentric(triangle, ray.origin + ray.direction * t);
+    b       = clamp(b, real2(real(0), real(0)), real2(real(1), real(1)));
+    real b0 = real(1) - b.x - b.y;
+
+    ClothSurface s;
+    s.position = triangle.p0 + e1 * b.x + e2 * b.y;
+    s.tile     = triangle.t0 + (triangle.t1 - triangle.t0) * b.x + (triangle.t2 - triangle.t0) * b.y;
+
+    // Exact derivatives: the ray of the neighbouring pixel meets the same plane (Igehy 1999).
+    real n2      = max(dot(n, n), real(1e-38));
+    real3 grad1  = cross(e2, n) / n2, grad2 = cross(n, e1) / n2;
+    real3 p_dx   = (ray.direction_dx - ray.direction * (dot(ray.direction_dx, n_front) / facing_s)) * t;
+    real3 p_dy   = (ray.direction_dy - ray.direction * (dot(ray.direction_dy, n_front) / facing_s)) * t;
+    real2 dt1 = triangle.t1 - triangle.t0, dt2 = triangle.t2 - triangle.t0;
+    // One tile either way is as much as a footprint can tell: beyond, every point of the tile is equally likely [hazard 18].
+    s.tile_dx = clamp(dt1 * dot(grad1, p_dx) + dt2 * dot(grad2, p_dx), real2(real(-64), real(-64)), real2(real(64), real(64)));
+    s.tile_dy = clamp(dt1 * dot(grad1, p_dy) + dt2 * dot(grad2, p_dy), real2(real(-64), real(-64)), real2(real(64), real(64)));
+
+    real3 wo   = -normalize(ray.direction);
+    s.side     = facing > real(0) ? 1 : 0;
+    real flip  = s.side == 1 ? real(-1) : real(1);
+    s.normal_g = n_front * flip;
+    real3 n_s  = cloth_unit_vector(triangle.n0 * b0 + triangle.n1 * b.x + triangle.n2 * b.y, n_front);
+    if (dot(n_s, n_front) < real(0)) n_s = -n_s;
+    // A shading normal that faces away from the viewer says nothing: the geometric one takes its place [hazard 23].
+    if (dot(n_s, wo) * flip <= real(1e-4)) n_s = n_front;
+    s.frame   = cloth_uv_frame(triangle, n_s, n_front);
+    s.frame.z = s.frame.z * flip;
+    s.wo      = cloth_to_local(s.frame, wo);
+    s.wo.z    = max(s.wo.z, real(1e-6));
+    return s;
+}
+
+// Start of a ray that leaves the surface on the side of n: moved off it by more than the rounding of its position.
+CLOTH_FN real3 cloth_leave(real3 position, real3 n)
+{
+    real scale = max(max(abs(position.x), abs(position.y)), max(abs(position.z), real(1e-3)));
+    return position + n * (scale * real(2e-5));
+}

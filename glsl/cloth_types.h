@@ -1,0 +1,32 @@
+// What lies in memory that both renderers read: yarn types and lights. Shared; imports interop.h.
+
+// One yarn type.
+struct ClothYarn {
+    real3 albedo_r;    // single-scattering albedo of the slab seen in reflection, [0, 1]
+    real3 albedo_t;    // the same in transmission
+    real3 diffuse_r;   // diffuse reflectance kd_r, [0, 1]
+    real3 diffuse_t;   // diffuse transmittance kd_t, [0, 1]
+    real alpha_r;      // SGGX roughness of the reflection lobe, [cloth_alpha_min, 1]
+    real alpha_t;      // of the transmission lobe
+    real thickness;    // optical thickness T of the slab, > 0
+    real twist;        // fibre angle to the ply, about the ply normal [rad]
+    real diffuse_mix;  // w of [4.1]: 1 = Lambert about the ply normal, 0 = about the macroscopic normal
+};
+
+CLOTH_CONST int cloth_light_environment = 0;
+CLOTH_CONST int cloth_light_directional = 1;   // with an angular diameter: the sun
+CLOTH_CONST int cloth_light_point       = 2;
+CLOTH_CONST int cloth_light_spot        = 3;
+CLOTH_CONST int cloth_light_area        = 4;   // one-sided rectangle
+CLOTH_CONST int cloth_light_flash       = 5;   // a phone's LED: point with a cosine lobe about its aim
+
+struct ClothLight {
+    int kind;
+    real pmf;          // probability of being chosen, > 0; they add up to 1
+    real3 position;    // [m]; area: centre
+    real3 axis;        // unit; directional: toward the light; others: the way it shines
+    real3 radiance;    // directional: irradiance at normal incidence [W/m2]; area: radiance; point, spot, flash: intensity [W/sr]; environment: scale
+    real3 edge_u;      // area: half edges [m]
+    real3 edge_v;
+    real2 shape;       // directional: x = 1 - cos(half diameter); spot: cos(cone), cos(cone - penumbra); environment: rotation about y [rad]
+};

@@ -1,0 +1,58 @@
+// Horizon visibility V(d) of a texel [math.md 8.5]: eight azimuth knots of s = sin(horizon elevation), 8 bits each, at half
+// resolution. Shared; imports cloth_bsdf.h.
+
+// Half width of the soft step of V, in sin(elevation) [8.5].
+CLOTH_CONST real cloth_horizon_soft = real(0.06);
+
+// The four half-resolution texels around a point, still packed: a direction needs two of the eight knots.
+struct ClothHorizon {
+    uvec2 a;        // (X, Y)
+    uvec2 b;        // (X+1, Y)
+    uvec2 c;        // (X, Y+1)
+    uvec2 d;        // (X+1, Y+1)
+    real2 weight;   // bilinear weight of the +1 column and row
+};
+
+// Azimuth of d in knots, [0, 8), without atan2: max error .005 octants [8.5]. d.xy = 0 gives 0 [hazard 11].
+CLOTH_FN real cloth_horizon_azimuth(real2 d)
+{
+    real ax = abs(d.x), ay = abs(d.y);
+    real larger = max(ax, ay);
+    real t = larger > real(0) ? min(ax, ay) / larger : real(0);
+    real f = t + real(0.3476) * t * (real(1) - t);
+    real g = ax >= ay ? f : real(2) - f;
+    if (d.x < real(0)) g = real(4) - g;
+    if (d.y < real(0)) g = real(8) - g;
+    return g;
+}
+
+CLOTH_FN real cloth_horizon_knot(uvec2 word, uint k)
+{
+    uint half_word = k < 4u ? word.x : word.y;
+    return real((half_word >> (8u * (k & 3u))) & 255u);
+}
+
+// Soft step of d.z over the horizon s, rim-aware: an unoccluded texel (s = 0) stays 1 down to the rim [8.5].
+CLOTH_FN real cloth_horizon_step(real s, real z)
+{
+    real low  = s - cloth_horizon_soft;
+    real high = min(s + cloth_horizon_soft, real(2) * s);
+    return clamp((z - low) / max(high - low, real(1e-6)), real(0), real(1));
+}
+
+// V in [0, 1] of a unit direction d, d.z > 0, in the frame of the horizon's side; 0 at and below the horizontal.
+CLOTH_FN real cloth_horizon_visibility(ClothHorizon horizon, real3 d)
+{
+    if (d.z <= real(0)) return real(0);
+    real g     = cloth_horizon_azimuth(real2(d.x, d.y));
+    real k     = floor(g);
+    real f     = g - k;
+    uint k0    = uint(k) & 7u;
+    uint k1    = (k0 + 1u) & 7u;
+    real s_a   = mix(cloth_horizon_knot(horizon.a, k0), cloth_horizon_knot(horizon.a, k1), f);
+    real s_b   = mix(cloth_horizon_knot(horizon.b, k0), cloth_horizon_knot(horizon.b, k1), f);
+    real s_c   = mix(cloth_horizon_knot(horizon.c, k0), cloth_horizon_knot(horizon.c, k1), f);
+    real s_d   = mix(cloth_horizon_knot(horizon.d, k0), cloth_horizon_knot(horizon.d, k1), f);
+    real s     = mix(mix(s_a, s_b, horizon.weight.x), mix(s_c, s_d, horizon.weight.x), horizon.weight.y);
+    return cloth_horizon_step(s / real(255), d.z);
+}

@@ -1,0 +1,66 @@
+// The scene in buffer textures, and the frame's camera, lights and random numbers. GLSL only; roots include it after
+// interop.h, cloth.h and blocks.h. Written by app/preview/preview.cpp.
+
+uniform samplerBuffer triangle_table;    // RGBA32F, six texels a triangle: p0 t0.x | p1 t0.y | p2 t1.x | n0 t1.y | n1 t2.x | n2 t2.y
+uniform usamplerBuffer object_table;     // RGBA32UI, four texels an object
+
+struct SceneObject {
+    int first_triangle;   // in triangle_table
+    bool matte;
+    bool gaps;            // rays may pass through
+    vec3 albedo;          // matte only
+    ClothMaps maps;       // fabric only
+};
+
+SceneObject fetch_object(int index)
+{
+    ivec4 a = ivec4(texelFetch(object_table, index * 4)), b = ivec4(texelFetch(object_table, index * 4 + 1));
+    ivec4 c = ivec4(texelFetch(object_table, index * 4 + 2));
+    uvec4 d = texelFetch(object_table, index * 4 + 3);
+    return SceneObject(a.x, a.y == 0, a.z != 0, uintBitsToFloat(d.xyz), ClothMaps(b.xy, b.zw, c.xy, c.zw, a.w));
+}
+
+ClothTriangle fetch_triangle(int index)
+{
+    int base = index * 6;
+    vec4 a = texelFetch(triangle_table, base), b = texelFetch(triangle_table, base + 1), c = texelFetch(triangle_table, base + 2);
+    vec4 d = texelFetch(triangle_table, base + 3), e = texelFetch(triangle_table, base + 4), f = texelFetch(triangle_table, base + 5);
+    return ClothTriangle(a.xyz, b.xyz, c.xyz, d.xyz, e.xyz, f.xyz, vec2(a.w, b.w), vec2(c.w, d.w), vec2(e.w, f.w));
+}
+
+// Row 0 of the framebuffer is the top row of the picture, so that gl_FragCoord is the raster position.
+ClothRay frame_ray(vec2 pixel_centre)
+{
+    ClothCamera camera = ClothCamera(frame.camera_position.xyz, frame.camera_forward.xyz, frame.camera_right.xyz,
+                                     frame.camera_up.xyz, frame.film.xy);
+    return cloth_camera_ray(camera, pixel_centre + frame.film.zw);
+}
+
+ClothSettings frame_settings()
+{
+    return ClothSettings(frame.settings.x, frame.settings.y, frame.settings.z);
+}
+
+ClothLights frame_lights()
+{
+    return ClothLights(frame.lights.x, frame.lights.yz);
+}
+
+uint pixel_seed(vec2 pixel_centre)
+{
+    uvec2 pixel = uvec2(pixel_centre);
+    return cloth_hash_combine(frame.random.x, pixel.y * uint(frame.film.x) + pixel.x);
+}
+
+// Random numbers of one layer; attempt 0 is what the visibility pass and the shade pass agree on.
+ClothRandom layer_random(uint seed, int object, int triangle, uint attempt)
+{
+    return ClothRandom(cloth_hash_combine(cloth_hash_combine(seed, uint(object)), uint(triangle)), frame.random.y,
+                       attempt * cloth_dims_per_vertex);
+}
+
+ClothSelection select_on(SceneObject object, ClothSurface surface, ClothRandom random)
+{
+    return cloth_select(object.maps, surface.side, ClothFootprint(surface.tile, surface.tile_dx, surface.tile_dy),
+                        surface.wo, frame_settings(), random);
+}

@@ -1,0 +1,65 @@
+// Root: radiance of this frame's sample of every pixel; the blend unit adds it to the sum of the block.
+//   FABRIC  objects with fabric   GAPS  fabrics with gaps   MATTE  objects without
+#include "interop.h"
+#include "cloth.h"
+#include "blocks.h"
+#include "scene_buffers.h"
+#include "trace.h"
+
+uniform usampler2D id_map;
+layout(location = 0) out vec4 colour;   // radiance, coverage
+
+// Selections after the first are drawn from those that stop the ray, which is what the first one is known to have done.
+const uint attempts = 8u;
+
+vec3 direct_light(ClothSurface surface, ClothShading shading, ClothRandom random)
+{
+    ClothDirect d = cloth_direct(frame_lights(), surface, shading, frame_settings(), random);
+    if (!d.any) return vec3(0.0);
+    vec3 side = surface.normal_g * (dot(d.wi, surface.normal_g) < 0.0 ? -1.0 : 1.0);
+    bool dark = blocked(cloth_leave(surface.position, side), d.wi, d.distance * (1.0 - 1e-4), cloth_hash_combine(random.seed, random.offset));
+    return dark ? vec3(0.0) : d.value;
+}
+
+void main()
+{
+    uvec2 id     = texelFetch(id_map, ivec2(gl_FragCoord.xy), 0).xy;
+    ClothRay ray = frame_ray(gl_FragCoord.xy);
+    if (id.x == 0u) {
+        colour = vec4(cloth_background(frame_lights(), normalize(ray.direction)), 0.0);
+        return;
+    }
+    int object_index = int(id.x) - 1, triangle_index = int(id.y);
+    SceneObject object   = fetch_object(object_index);
+    ClothSurface surface = cloth_surface(fetch_triangle(object.first_triangle + triangle_index), ray);
+    uint seed = pixel_seed(gl_FragCoord.xy);
+    vec3 sum  = vec3(0.0);
+    ClothShading shading;
+#ifdef FABRIC
+    ClothSelection first;
+#endif
+    for (uint n = 0u; n < frame.random.z; ++n) {
+        ClothRandom random = layer_random(seed, object_index, triangle_index, n * attempts);
+#ifdef FABRIC
+        if (!object.matte) {
+            ClothSelection selection = select_on(object, surface, random);
+#ifdef GAPS
+            // n = 0 passes only where two compilers round differently; the visibility pass has the last word.
+            for (uint k = 1u; selection.passes && k < attempts; ++k)
+                selection = select_on(object, surface, layer_random(seed, object_index, triangle_index, n * attempts + k));
+            if (selection.passes && n > 0u) selection = first;
+            if (selection.passes) break;
+#endif
+            if (n == 0u) first = selection;
+            shading = cloth_shade_fabric(object.maps, selection);
+        }
+#endif
+#ifdef MATTE
+        if (object.matte) shading = cloth_shade_matte(object.albedo);
+#endif
+        sum += direct_light(surface, shading, random);
+    }
+    // A sample that is not a number counts as 0, as in the reference: it would spoil its pixel for ever.
+    bool good = all(greaterThanEqual(sum, vec3(0.0))) && all(lessThan(sum, vec3(1e30)));
+    colour    = vec4(good ? sum / float(frame.random.z) : vec3(0.0), 1.0);
+}

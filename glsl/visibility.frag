@@ -1,0 +1,21 @@
+// Root: which triangle each pixel of this frame sees. GAPS: the object's fabric has gaps, and fragments whose selection
+// passes are thrown away, so that the nearest layer that stops the ray remains, whatever the order of drawing.
+#include "interop.h"
+#ifdef GAPS
+#include "cloth.h"
+#include "blocks.h"
+#include "scene_buffers.h"
+#endif
+
+uniform int object_index;
+layout(location = 0) out uvec2 id;   // object + 1, triangle
+
+void main()
+{
+#ifdef GAPS
+    SceneObject object   = fetch_object(object_index);
+    ClothSurface surface = cloth_surface(fetch_triangle(object.first_triangle + gl_PrimitiveID), frame_ray(gl_FragCoord.xy));
+    if (select_on(object, surface, layer_random(pixel_seed(gl_FragCoord.xy), object_index, gl_PrimitiveID, 0u)).passes) discard;
+#endif
+    id = uvec2(uint(object_index) + 1u, uint(gl_PrimitiveID));
+}

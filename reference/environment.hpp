@@ -1,0 +1,25 @@
+// Environment light from a latitude-longitude picture or one colour: the table that cloth_fetch_environment and
+// cloth_fetch_alias read. The scene loader includes it; both renderers see only the result.
+#pragma once
+
+#include <string>
+#include <vector>
+
+#include "reference/scene.hpp"
+
+namespace selvedge {
+
+// Largest table; a larger picture is halved until it fits.
+inline constexpr int environment_width_limit = 8192;
+
+// Reads a picture, row 0 at the zenith. Negative and NaN values become 0, infinite ones 65504, each with one warning.
+//   throws  InputError as read_image; no colour channels; a picture that is black all over
+Environment load_environment(const std::string& path, std::vector<std::string>& warnings);
+
+// The same radiance everywhere: a table one texel wide, so that light sampling is uniform in solid angle.
+Environment constant_environment(glm::vec3 radiance);
+
+// Mean luminance over the sphere: pi times it is the irradiance on a surface in the open.
+double mean_luminance(const Environment& environment);
+
+} // namespace selvedge

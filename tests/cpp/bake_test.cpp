@@ -1,0 +1,479 @@
+// The bake: tubes to maps, horizons, packing, energy, cache. Catch2. Where a closed form exists it is the yardstick.
+#include <catch2/catch.hpp>
+
+#include <algorithm>
+#include <cmath>
+#include <cstdlib>
+#include <filesystem>
+#include <fstream>
+#include <unistd.h>
+
+#include <tbb/global_control.h>
+
+#include "bake/bake.hpp"
+#include "bake/cache.hpp"
+#include "bake/error.hpp"
+#include "bake/image.hpp"
+#include "bake/maps.hpp"
+#include "bake/params.hpp"
+#include "bake/visibility.hpp"
+
+using namespace selvedge;
+
+namespace {
+
+constexpr float pi = 3.14159265358979f;
+
+Fabric weave(const std::string& pattern, int plies = 2)
+{
+    Fabric fabric;
+    fabric.name = pattern;
+    fabric.draft = builtin_weave(pattern);
+    fabric.warp.plies = fabric.weft.plies = plies;
+    return fabric;
+}
+
+PackedFabric baked(const Fabric& fabric)
+{
+    BakeOptions options;
+    options.use_cache = false;
+    return bake_fabric(fabric, options);
+}
+
+// A straight tube along y at x = middle of a square tile.
+PlyModel straight_tube(float tile_m, float radius_m, float aspect)
+{
+    PlyTube tube;
+    tube.aspect = aspect;
+    tube.warp = true;
+    for (int i = 0; i <= 8; ++i)
+        tube.points.push_back({{tile_m / 2, tile_m * static_cast<float>(i) / 8, 0}, radius_m});
+    return {glm::vec2(tile_m), {tube}};
+}
+
+// Mean over tile and azimuths of A_p = max(0, o.N) V, over o.z: 1 for a closed surface (math.md 6.2).
+float visible_area(const PackedFabric& fabric, int side, float degrees)
+{
+    const PackedSide& packed = fabric.side[side];
+    const HeightField field{fabric.size, fabric.tile_m, &packed.heights_m};
+    const float highest = *std::max_element(packed.heights_m.begin(), packed.heights_m.end());
+    const float z = std::cos(degrees * pi / 180), r = std::sin(degrees * pi / 180);
+    double sum = 0;
+    int count = 0;
+    for (int a = 0; a < 8; ++a) {
+        const float azimuth = 2 * pi * (static_cast<float>(a) + 0.3f) / 8;
+        for (int y = a % 3; y < fabric.size.y; y += 3)
+            for (int x = a % 4; x < fabric.size.x; x += 4, ++count) {
+                const glm::vec2 slope = unpack_texel(packed.texels[static_cast<std::size_t>(y * fabric.size.x + x)]).slope;
+                const float area = z - r * (std::cos(azimuth) * slope.x + std::sin(azimuth) * slope.y);
+                if (area > 0 && z > march_horizon(field, highest, glm::vec2(x, y) + 0.5f, azimuth))
+                    sum += static_cast<double>(area / z);
+            }
+    }
+    return static_cast<float>(sum / count);
+}
+
+class CacheFolder {
+public:
+    CacheFolder() : path((std::filesystem::temp_directory_path() / ("selvedge-cache-" + std::to_string(::getpid()))).string())
+    {
+        std::filesystem::remove_all(path);
+        ::setenv("SELVEDGE_CACHE", path.c_str(), 1);
+    }
+    ~CacheFolder()
+    {
+        ::unsetenv("SELVEDGE_CACHE");
+        std::filesystem::remove_all(path);
+    }
+    std::string only_file() const
+    {
+        std::string found;
+        for (const auto& entry : std::filesystem::directory_iterator(path)) {
+            REQUIRE(found.empty());
+            found = entry.path().string();
+        }
+        return found;
+    }
+    const std::string path;
+};
+
+bool same_words(const PackedFabric& a, const PackedFabric& b)
+{
+    bool same = a.size == b.size;
+    for (int s = 0; s < 2; ++s)
+        same = same && a.side[s].texels == b.side[s].texels && a.side[s].horizons == b.side[s].horizons &&
+               a.side[s].slope_mips == b.side[s].slope_mips && a.side[s].heights_m == b.side[s].heights_m;
+    return same;
+}
+
+} // namespace
+
+TEST_CASE("texels keep what is packed into them")
+{
+    Texel texel;
+    texel.slope = {-1.25f, 3.5f};
+    texel.azimuth = 2.5f;
+    texel.yarn = 127;
+    texel.gap = true;
+    texel.irradiance = 0.6f;
+    const Texel got = unpack_texel(pack_texel(texel));
+    CHECK(got.slope.x == Approx(-1.25f).margin(4.0 / 32767 / 2));
+    CHECK(got.slope.y == Approx(3.5f).margin(4.0 / 32767 / 2));
+    CHECK(got.azimuth == Approx(2.5f).margin(3.15 / 65536));
+    CHECK(got.yarn == 127);
+    CHECK(got.gap);
+    CHECK(got.irradiance == Approx(0.6f).margin(0.5 / 255 + 1e-6));
+    // An azimuth that rounds up to pi is 0: t and -t are one direction.
+    texel.azimuth = 3.1415925f;
+    CHECK(unpack_texel(pack_texel(texel)).azimuth == 0);
+    CHECK(unpack_slope(pack_slope({-9, 9})) == glm::vec2(-4, 4));
+    const float knots[8] = {0, 0.1f, 0.2f, 0.4f, 0.6f, 0.8f, 1, 2};
+    float again[8];
+    unpack_knots(pack_knots(knots), again);
+    for (int k = 0; k < 8; ++k)
+        CHECK(again[k] == Approx(std::min(knots[k], 1.0f)).margin(0.5 / 255 + 1e-6));
+    CHECK((pack_knots(knots).x & 255u) == 0u); // knot 0 is the lowest byte
+}
+
+TEST_CASE("a straight tube projects to its circle, front and back")
+{
+    const float aspect = GENERATE(1.0f, 0.4f);
+    const FabricMaps maps = project_plies(straight_tube(1, 0.3f, aspect), {128, 64}, 4);
+    int gaps = 0;
+    for (int x = 0; x < 128; ++x) {
+        const std::size_t i = static_cast<std::size_t>(20 * 128 + x);
+        const float across = (static_cast<float>(x) + 0.5f) / 128 - 0.5f;
+        gaps += maps.gap[i];
+        if (std::abs(across) < 0.2f) {
+            const float height = aspect * std::sqrt(0.09f - across * across);
+            for (const SideMaps& side : maps.side) {
+                CHECK(side.height_m[i] == Approx(height).epsilon(2e-3));
+                CHECK(side.slope[i].x == Approx(-aspect * aspect * across / height).margin(2e-2));
+                CHECK(std::abs(side.slope[i].y) < 1e-3f);
+            }
+        }
+        for (const SideMaps& side : maps.side)
+            CHECK(side.azimuth[i] == Approx(pi / 2).margin(1e-4));
+    }
+    CHECK(gaps / 128.0 == Approx(0.4).margin(1.01 / 128)); // 1 - 2 r / p
+}
+
+TEST_CASE("light through parallel cylinders ends where their silhouettes meet")
+{
+    // math.md 5.2: T_d = max(0, 1 - 2 r / (p cos theta)), through front and back horizons of gap points alone.
+    const FabricMaps maps = project_plies(straight_tube(1, 0.35f, 1), {512, 4}, 4);
+    const auto passed = [&](float degrees) {
+        const float z = std::cos(degrees * pi / 180);
+        int clear = 0;
+        for (int x = 0; x < 512; ++x) {
+            if (!maps.gap[static_cast<std::size_t>(x)])
+                continue;
+            const glm::vec2 at(static_cast<float>(x) + 0.5f, 0.5f);
+            bool open = true;
+            for (int side = 0; side < 2; ++side) // the ray leaves in front to +x and behind to -x
+                open = open && z > march_horizon({maps.size, maps.tile_m, &maps.side[side].height_m}, 0.35f, at, side == 0 ? 0 : pi);
+            clear += open ? 1 : 0;
+        }
+        return clear / 512.0;
+    };
+    // The field is no steeper than 4: a ramp stands on the yarn's edge, and less than 1 % of the pitch is open too much.
+    CHECK(passed(0) == Approx(0.3).margin(0.003));
+    CHECK(passed(20) == Approx(1 - 0.7 / std::cos(20 * 0.0174533)).margin(0.01));
+    CHECK(passed(40) == Approx(1 - 0.7 / std::cos(40 * 0.0174533)).margin(0.01));
+    CHECK(passed(50) == 0);
+}
+
+TEST_CASE("gap texels carry the nearest yarn and nothing of a surface")
+{
+    Fabric fabric = weave("plain 1/1", 1);
+    fabric.warp.width_m = fabric.weft.width_m = 0.0002f;
+    const PackedFabric packed = baked(fabric);
+    REQUIRE(packed.has_gaps);
+    CHECK(packed.gap_cover == Approx(0.36).margin(0.01));
+    CHECK(packed.warp_cover + packed.weft_cover + packed.gap_cover == Approx(1));
+    for (int s = 0; s < 2; ++s)
+        for (std::size_t i = 0; i < packed.side[s].texels.size(); ++i) {
+            const Texel texel = unpack_texel(packed.side[s].texels[i]);
+            if (!texel.gap)
+                continue;
+            CHECK(texel.slope == glm::vec2(0));
+            CHECK(packed.side[s].heights_m[i] == 0);
+            CHECK(unpack_texel(packed.side[1 - s].texels[i]).gap);
+            // Between two ends the ends are nearer than the picks, and the other way round.
+            const float fx = std::abs(std::fmod(static_cast<float>(i % 256) + 0.5f, 64.0f) - 32), fy = std::abs(std::fmod(static_cast<float>(i / 256) + 0.5f, 64.0f) - 32);
+            if (std::abs(fx - fy) > 2)
+                CHECK((texel.yarn == 0) == (fx < fy));
+        }
+}
+
+TEST_CASE("slopes agree with heights and leave no mean over the tile")
+{
+    for (const char* pattern : {"plain 1/1", "twill 2/2", "satin 5"}) {
+        INFO(pattern);
+        const PackedFabric packed = baked(weave(pattern));
+        for (const PackedSide& side : packed.side) {
+            CHECK(side.slope_mips.size() == slope_level_offset(packed.size, slope_level_count(packed.size)));
+            const glm::vec2 top = unpack_slope(side.slope_mips.back());
+            CHECK(std::abs(top.x) < 1e-3f);
+            CHECK(std::abs(top.y) < 1e-3f);
+            // Nowhere steeper than the limit, over the seam either (chamfer distances are up to 2.8 % long, the blur mends most).
+            const glm::vec2 texel_m = packed.tile_m / glm::vec2(packed.size);
+            float steepest = 0;
+            for (int y = 0; y < packed.size.y; ++y)
+                for (int x = 0; x < packed.size.x; ++x) {
+                    const auto height = [&](int i, int j) {
+                        return side.heights_m[static_cast<std::size_t>((j % packed.size.y) * packed.size.x + i % packed.size.x)];
+                    };
+                    steepest = std::max({steepest, std::abs(height(x + 1, y) - height(x, y)) / texel_m.x,
+                                         std::abs(height(x, y + 1) - height(x, y)) / texel_m.y});
+                }
+            CHECK(steepest < 1.1f * slope_limit);
+        }
+    }
+}
+
+TEST_CASE("the visible projected area is that of the plane")
+{
+    // math.md 6.2 with exact horizons. What remains is the zeroed slope of gap texels and half-texel sampling.
+    for (const char* pattern : {"plain 1/1", "twill 2/2", "satin 5"})
+        for (const int plies : {1, 2}) {
+            const PackedFabric packed = baked(weave(pattern, plies));
+            for (int side = 0; side < 2; ++side)
+                for (const float degrees : {0.0f, 30.0f, 60.0f, 75.0f}) {
+                    const float area = visible_area(packed, side, degrees);
+                    INFO(pattern << ", " << plies << " plies, side " << side << ", " << degrees << " deg: " << area);
+                    CHECK(area == Approx(1).margin(degrees < 70 ? 0.02 : 0.03));
+                }
+        }
+}
+
+TEST_CASE("the back of a plain weave is its front, one thread on")
+{
+    const PackedFabric packed = baked(weave("plain 1/1", 1));
+    const int step = packed.size.x / 4;
+    float worst = 0;
+    for (int y = 0; y < packed.size.y; ++y)
+        for (int x = 0; x < packed.size.x; ++x) {
+            const float front = packed.side[0].heights_m[static_cast<std::size_t>(y * packed.size.x + (x + step) % packed.size.x)];
+            worst = std::max(worst, std::abs(front - packed.side[1].heights_m[static_cast<std::size_t>(y * packed.size.x + x)]));
+        }
+    CHECK(worst < 0.02f * packed.height_range_m.y);
+}
+
+TEST_CASE("plies lean to the right of the yarn for Z, to the left for S")
+{
+    for (const float twist : {25.0f, -25.0f}) {
+        Fabric fabric = weave("satin 5");
+        fabric.warp.ply_twist_deg = twist;
+        const PackedFabric packed = baked(fabric);
+        double sum = 0, count = 0;
+        for (const glm::uvec2 words : packed.side[0].texels)
+            if (const Texel texel = unpack_texel(words); !texel.gap && texel.yarn == 0) {
+                sum += static_cast<double>(std::cos(texel.azimuth)) * (texel.azimuth < pi / 2 ? 1 : -1) * (texel.azimuth < pi / 2 ? 1 : -1);
+                count += 1;
+            }
+        // Ends run along y: a ply that rises to the right has an azimuth below 90 deg.
+        CHECK((sum / count > 0) == (twist > 0));
+        CHECK(std::abs(sum / count) > 0.1);
+    }
+}
+
+TEST_CASE("the horizon of a wall is the angle under which it stands")
+{
+    const glm::ivec2 size(64, 32);
+    std::vector<float> height(64 * 32, 0.0f);
+    for (int y = 0; y < 32; ++y)
+        for (int x = 40; x < 44; ++x)
+            height[static_cast<std::size_t>(y * 64 + x)] = 0.2f;
+    const HeightField field{size, {1, 0.5f}, &height};
+    for (const int x : {4, 20, 36}) {
+        const float distance = (40.5f - (static_cast<float>(x) + 0.5f)) / 64;
+        CHECK(march_horizon(field, 0.2f, glm::vec2(x, 7) + 0.5f, 0) == Approx(0.2f / std::hypot(0.2f, distance)).epsilon(1e-4));
+        // 60 degrees off: twice as far
+        CHECK(march_horizon(field, 0.2f, glm::vec2(x, 7) + 0.5f, pi / 3) == Approx(0.2f / std::hypot(0.2f, 2 * distance)).epsilon(0.03));
+    }
+    // From the other side, around the seam
+    CHECK(march_horizon(field, 0.2f, {4.5f, 3.5f}, pi) == Approx(0.2f / std::hypot(0.2f, (4.5f + 64 - 43.5f) / 64)).epsilon(1e-4));
+    CHECK(march_horizon(field, 0.2f, {41.5f, 3.5f}, 1.0f) == 0);
+    // The fitted knots follow: knot 0 looks to +x, knot 4 to -x, knot 2 along the wall.
+    const auto knots = horizon_knots(field);
+    float s[8];
+    unpack_knots(knots[static_cast<std::size_t>(3 * 32 + 15)], s); // block of texels 30, 31
+    CHECK(s[0] == Approx(0.2f / std::hypot(0.2f, 9.5f / 64)).margin(0.03));
+    CHECK(s[4] == Approx(0.2f / std::hypot(0.2f, (31 + 64 - 43.5f) / 64)).margin(0.03));
+    CHECK(s[2] < 0.25f);
+}
+
+TEST_CASE("an open plane hides nothing and receives the whole sky")
+{
+    const glm::ivec2 size(16, 16);
+    const std::vector<float> height(256, 0.001f);
+    const auto knots = horizon_knots({size, {1, 1}, &height});
+    for (const glm::uvec2 words : knots)
+        CHECK(words == glm::uvec2(0));
+    for (const glm::vec2 slope : {glm::vec2(0), glm::vec2(1, 0), glm::vec2(-2, 3)}) {
+        const auto irradiance = cosine_irradiance(knots, std::vector<glm::vec2>(256, slope), size);
+        const double nz = 1 / std::sqrt(1 + static_cast<double>(glm::dot(slope, slope)));
+        CHECK(irradiance[37] == Approx((1 + nz) / 2).margin(0.012)); // 8 azimuths against the integral
+    }
+}
+
+TEST_CASE("fitted visibility stays within the error of eight knots at half resolution")
+{
+    // math.md 8.4: deep plies, half resolution: .171 plain, .168 twill.
+    for (const char* pattern : {"plain 1/1", "twill 2/2", "satin 5"})
+        CHECK(measure_visibility(baked(weave(pattern)), 256, 512).rms < 0.185);
+    CHECK(measure_visibility(baked(weave("plain 1/1", 1)), 256, 512).rms < 0.16);
+}
+
+TEST_CASE("derived diffuse terms never make energy")
+{
+    for (const float albedo : {0.0f, 0.3f, 0.8f, 1.0f})
+        for (const float thickness : {0.02f, 0.3f, 1.0f, 2.0f, 5.0f, 20.0f}) {
+            Fabric fabric = weave("plain 1/1");
+            fabric.warp.albedo = glm::vec3(albedo);
+            fabric.warp.thickness = thickness;
+            const auto yarn = shade_yarns(fabric)[0];
+            // first-collision escape + later ones + what passes: all of it at albedo 1 (math.md 9.2)
+            const float once = (1 - std::exp(-thickness)) * (0.26f + 0.74f * std::exp(-1.23f * std::pow(thickness, 0.9f)));
+            CHECK(albedo * once + yarn.diffuse_r.x + yarn.diffuse_t.x <= 1);
+            CHECK(yarn.diffuse_r.x >= 0);
+            CHECK(yarn.diffuse_t.x >= 0);
+        }
+    Fabric fabric = weave("plain 1/1");
+    fabric.warp.albedo = glm::vec3(0.8f);
+    fabric.warp.thickness = 2;
+    const auto yarn = shade_yarns(fabric)[0]; // T = 2: R_ms + T_ms = .574 at albedo 1, normal incidence; mean over the hemisphere is more
+    CHECK(yarn.diffuse_r.x + yarn.diffuse_t.x == Approx(0.64 * 0.262 / (1 - 0.8 * 0.738) * 0.63).margin(0.03));
+}
+
+TEST_CASE("draft colours become yarn types, never more than the words can name")
+{
+    Fabric fabric = weave("plain 1/1");
+    fabric.use_draft_colours = true;
+    fabric.draft = repeated(fabric.draft, 300, 1);
+    for (std::size_t e = 0; e < fabric.draft.ends.size(); ++e) {
+        fabric.draft.colours.push_back(glm::vec3(static_cast<float>(e) / 600, static_cast<float>(e % 25) / 25, 0.5f));
+        fabric.draft.ends[e].colour = static_cast<int>(e);
+    }
+    const YarnTypes types = yarn_types(fabric);
+    CHECK(types.types.size() <= yarn_type_limit);
+    CHECK(types.types.size() > 20);
+    CHECK_FALSE(types.warning.empty());
+    CHECK(types.types.back().warp == false);
+    CHECK(types.end_type.size() == 600);
+}
+
+TEST_CASE("a bake is the same words whatever the thread count")
+{
+    const Fabric fabric = weave("twill 2/2");
+    const PackedFabric many = baked(fabric);
+    const tbb::global_control one(tbb::global_control::max_allowed_parallelism, 1);
+    CHECK(same_words(many, baked(fabric)));
+}
+
+TEST_CASE("the cache gives back the bake, ignores shading, and survives damage")
+{
+    const CacheFolder cache;
+    Fabric fabric = weave("plain 1/1");
+    fabric.resolution = 64;
+    BakeReport report;
+    const PackedFabric first = bake_fabric(fabric, {}, &report);
+    CHECK_FALSE(report.cached);
+    CHECK(report.disk_bytes > 0);
+    CHECK(same_words(first, bake_fabric(fabric, {}, &report)));
+    CHECK(report.cached);
+
+    fabric.warp.albedo = glm::vec3(0.1f, 0.2f, 0.3f);
+    fabric.warp.roughness = 0.7f;
+    fabric.weft.fibre_twist_deg = 9;
+    fabric.weft.thickness = 1;
+    const PackedFabric recoloured = bake_fabric(fabric, {}, &report);
+    CHECK(report.cached);
+    CHECK(recoloured.yarns[0].albedo_r.z == 0.3f);
+    CHECK(recoloured.yarns[0].alpha_r == 0.7f);
+
+    const std::string file = cache.only_file();
+    for (const std::size_t at : {std::size_t(9), std::size_t(200), std::size_t(5000)}) { // header, counts, payload
+        {
+            std::fstream damage(file, std::ios::in | std::ios::out | std::ios::binary);
+            damage.seekp(static_cast<std::streamoff>(at));
+            damage.put('\x5a');
+        }
+        CHECK(same_words(first, bake_fabric(fabric, {}, &report)));
+        CHECK_FALSE(report.cached);
+        bake_fabric(fabric, {}, &report);
+        CHECK(report.cached); // mended
+    }
+    std::filesystem::resize_file(file, 1000);
+    CHECK(same_words(first, bake_fabric(fabric, {}, &report)));
+    CHECK_FALSE(report.cached);
+
+    for (const YarnParam& row : yarn_params) { // every geometric number asks for a bake, no other does
+        Fabric changed = fabric;
+        changed.warp.*row.member *= 0.93f;
+        bake_fabric(changed, {}, &report);
+        INFO(row.key);
+        // A twist is rounded to whole steps of the plies, so a small change may leave the tubes as they are.
+        if (std::string(row.key) != "ply_twist")
+            CHECK(report.cached == !row.geometry);
+    }
+}
+
+TEST_CASE("a cache that cannot be written is no error")
+{
+    ::setenv("SELVEDGE_CACHE", "/proc/nowhere", 1);
+    Fabric fabric = weave("plain 1/1");
+    fabric.resolution = 64;
+    BakeReport report;
+    CHECK(bake_fabric(fabric, {}, &report).side[0].texels.size() == 64 * 64);
+    CHECK(report.disk_bytes == 0);
+    ::unsetenv("SELVEDGE_CACHE");
+}
+
+TEST_CASE("a repeat that cannot be resolved is refused before anything large is made")
+{
+    Fabric fabric = weave("plain 1/1");
+    fabric.draft = repeated(fabric.draft, 2500, 1);
+    fabric.draft.ends[0].spacing_m = 0.001f;
+    fabric.draft.ends[7].spacing_m = 0.002f; // no smaller repeat
+    CHECK_THROWS_AS(plan_woven(fabric, 256), InputError);
+}
+
+TEST_CASE("pictures come back as they were written, and damaged ones are refused")
+{
+    const CacheFolder folder; // any folder
+    std::filesystem::create_directories(folder.path);
+    Image image(33, 21, {"R", "G", "B", "variance.R"});
+    for (std::size_t i = 0; i < image.pixels.size(); ++i)
+        image.pixels[i] = std::sin(static_cast<float>(i)) * 100 - 3;
+    write_exr(folder.path + "/a.exr", image, {{"seed", "7"}});
+    const Image again = read_image(folder.path + "/a.exr");
+    CHECK(again.channels == image.channels);
+    CHECK(again.pixels == image.pixels);
+    CHECK(again.metadata.at("seed") == "7");
+    Image grey(64, 64, {"R", "G", "B"});
+    for (std::size_t i = 0; i < grey.pixels.size(); ++i)
+        grey.pixels[i] = static_cast<float>(i % 256) / 255;
+    grey.pixels[0] = std::nanf("");
+    write_png(folder.path + "/a.png", grey);
+    const Image decoded = read_image(folder.path + "/a.png");
+    CHECK(decoded.pixels[0] == 0);
+    CHECK(decoded.pixels[188] == Approx(0.50289).epsilon(1e-3)); // 188/255, sRGB to linear
+    for (const char* name : {"/a.exr", "/a.png"}) {
+        INFO(name);
+        const auto size = std::filesystem::file_size(folder.path + name);
+        for (const double share : {0.9, 0.5, 0.05}) {
+            std::filesystem::copy_file(folder.path + name, folder.path + "/cut" + std::string(name + 2), std::filesystem::copy_options::overwrite_existing);
+            std::filesystem::resize_file(folder.path + "/cut" + std::string(name + 2), static_cast<std::uintmax_t>(static_cast<double>(size) * share));
+            CHECK_THROWS_AS(read_image(folder.path + "/cut" + std::string(name + 2)), InputError);
+        }
+    }
+    CHECK_THROWS_AS(read_image(folder.path), InputError);
+    CHECK_THROWS_AS(read_image(folder.path + "/none.exr"), InputError);
+    CHECK_THROWS_AS(write_exr(folder.path + "/no/folder.exr", image), InputError);
+    std::size_t files = 0;
+    for ([[maybe_unused]] const auto& entry : std::filesystem::directory_iterator(folder.path))
+        ++files;
+    CHECK(files == 4); // nothing half-written is left behind
+}

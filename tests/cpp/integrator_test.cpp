@@ -1,0 +1,306 @@
+// The reference integrators against closed forms, against themselves under other thread counts and steps, and their error
+// estimate against the truth. Catch2.
+#include <catch2/catch.hpp>
+
+#include <cmath>
+#include <cstring>
+#include <filesystem>
+#include <fstream>
+#include <numbers>
+#include <unistd.h>
+
+#include <tbb/task_arena.h>
+
+#include "bake/error.hpp"
+#include "reference/checkpoint.hpp"
+#include "reference/integrator.hpp"
+
+using namespace selvedge;
+namespace f32 = cloth::f32;
+
+namespace {
+
+constexpr double pi = std::numbers::pi;
+
+Scene scene_from(const std::string& text)
+{
+    const std::string path =
+        (std::filesystem::temp_directory_path() / ("selvedge-integrator-" + std::to_string(getpid()) + ".json")).string();
+    std::ofstream(path) << text;
+    Scene scene = load_scene(path);
+    std::filesystem::remove(path);
+    return scene;
+}
+
+RenderSettings settings_for(const Scene& scene, Integrator integrator, std::uint32_t block_length = 4)
+{
+    RenderSettings settings;
+    settings.integrator = integrator;
+    settings.block_length = block_length;
+    settings.resolution = scene.film.resolution;
+    settings.region = {0, 0, scene.film.resolution.x, scene.film.resolution.y};
+    return settings;
+}
+
+struct Mean {
+    glm::dvec3 value{0.0}, sigma{0.0};   // of the mean over all pixels
+    double alpha = 0.0;
+    RenderState state;
+};
+
+Mean mean_of(const Scene& scene, RenderSettings settings, std::uint32_t samples)
+{
+    const RayScene rays(scene);
+    const Renderer renderer(scene, rays, settings);
+    Mean mean;
+    mean.state = renderer.start();
+    renderer.add_samples(mean.state, samples);
+    const RenderResult result = renderer.result(mean.state);
+    for (std::size_t i = 0; i < result.mean.size(); ++i) {
+        mean.value += glm::dvec3(result.mean[i]) / double(result.mean.size());
+        mean.sigma += glm::dvec3(result.variance[i]) / double(result.mean.size() * result.mean.size());
+        mean.alpha += double(result.alpha[i]) / double(result.mean.size());
+    }
+    mean.sigma = glm::sqrt(mean.sigma);
+    CHECK(mean.state.bad_samples == 0);
+    return mean;
+}
+
+// A small patch of a matte floor around 0, seen from above, under the given lights.
+Scene floor_under(const std::string& lights)
+{
+    return scene_from(R"({ "camera": {"position": [0, 5, 0], "target": [0, 0, 0], "up": [0, 0, -1], "fov": 0.02},
+        "film": {"resolution": [4, 4]}, "objects": [ {"shape": "plane", "scale": 40, "matte": {"albedo": [0.5, 0.25, 1]}} ],
+        "lights": [)" + lights + "] }");
+}
+
+void check_irradiance(const std::string& lights, double irradiance, double tolerance = 1e-4, std::uint32_t samples = 64)
+{
+    const Scene scene = floor_under(lights);
+    const Mean mean = mean_of(scene, settings_for(scene, Integrator::direct), samples);
+    INFO(lights << ": found " << mean.value.x * pi / 0.5 << ", expected " << irradiance << ", sigma " << mean.sigma.x * pi / 0.5);
+    const double slack = tolerance * irradiance + 4.0 * mean.sigma.x * pi / 0.5;
+    CHECK(std::abs(mean.value.x * pi / 0.5 - irradiance) <= slack);
+    CHECK(std::abs(mean.value.y * pi / 0.25 - irradiance) <= slack);
+    CHECK(std::abs(mean.value.z * pi - irradiance) <= 2.0 * slack);
+    CHECK(mean.alpha == 1.0);
+}
+
+// Cloth over a floor under a sky and a sun: all that is random happens in it.
+std::string cloth_scene(const char* resolution)
+{
+    return std::string(R"({ "camera": {"position": [0, 0.6, 0.8], "target": [0, 0.1, 0], "fov": 40}, "film": {"resolution": )") + resolution + R"(},
+        "lights": [ {"type": "environment", "colour": [0.4, 0.5, 0.7]},
+                    {"type": "directional", "direction": [0.3, -1, -0.2], "irradiance": 3, "angular_diameter": 0.5} ],
+        "objects": [ {"shape": "plane", "scale": 4, "matte": {"albedo": 0.5}},
+                     {"shape": "plane", "scale": 0.5, "translate": [0, 0.2, 0], "rotate": [20, 10, 0], "uv_scale": 0.5,
+                      "fabric": {"name": "gauze", "pattern": "plain 1/1", "resolution": 32, "warp": {"width": 0.0003}, "weft": {"width": 0.0003}}} ] })";
+}
+
+bool same_bits(const RenderState& a, const RenderState& b)
+{
+    return a.samples == b.samples && a.pixels.size() == b.pixels.size() &&
+           std::memcmp(a.pixels.data(), b.pixels.data(), a.pixels.size() * sizeof(PixelSums)) == 0 && a.aovs == b.aovs;
+}
+
+} // namespace
+
+TEST_CASE("a matte floor has the irradiance of each kind of light in closed form", "[integrator][lights]")
+{
+    check_irradiance(R"({"type": "point", "position": [1, 2, -1], "intensity": 3})", 3.0 * 2.0 / std::pow(6.0, 1.5));
+    check_irradiance(R"({"type": "directional", "direction": [1, -2, 0], "irradiance": 4, "angular_diameter": 0})", 4.0 * 2.0 / std::sqrt(5.0));
+    // The sun's disc: irradiance at normal incidence times the cosine of its centre, exactly.
+    check_irradiance(R"({"type": "directional", "direction": [1, -2, 0], "irradiance": 4, "angular_diameter": 10})", 4.0 * 2.0 / std::sqrt(5.0));
+    check_irradiance(R"({"type": "environment", "colour": 0.7})", 0.7 * pi, 1e-3, 256);
+    check_irradiance(R"({"type": "spot", "position": [0, 2, 0], "target": [0, 0, 0], "intensity": 3, "cone": 20, "penumbra": 5})", 3.0 / 4.0);
+    // Half way through the penumbra, in cosines, the smoothstep is a half.
+    const double middle = std::acos(0.5 * (std::cos(20.0 * pi / 180.0) + std::cos(30.0 * pi / 180.0)));
+    check_irradiance(format_text(R"({"type": "spot", "position": [0, 2, 0], "target": [%.9g, 0, 0], "intensity": 3, "cone": 30, "penumbra": 10})",
+                                 2.0 * std::tan(middle)), 0.5 * 3.0 / 4.0, 2e-3);
+    check_irradiance(R"({"type": "flash", "position": [0, 2, 2], "target": [0, 0, 2], "intensity": 8})", 8.0 * 0.5 * std::sqrt(0.5) * 2.0 / 8.0 * std::sqrt(2.0));
+    // Rectangle parallel to the floor: four corners' form factors (Howell's catalogue, B-4).
+    const double x = 0.5 / 2.0, y = 1.0 / 2.0, rx = std::sqrt(1.0 + x * x), ry = std::sqrt(1.0 + y * y);
+    const double corner = (x / rx * std::atan(y / rx) + y / ry * std::atan(x / ry)) / (2.0 * pi);
+    check_irradiance(R"({"type": "area", "position": [0, 2, 0], "target": [0, 0, 0], "size": [1, 2], "radiance": 6})", 6.0 * pi * 4.0 * corner, 1e-4, 1024);
+    // Two at once add up, whatever the choice of lights costs in noise.
+    check_irradiance(R"({"type": "environment", "colour": 0.7}, {"type": "point", "position": [0, 1, 0], "intensity": 1})", 0.7 * pi + 1.0, 1e-3, 4096);
+}
+
+TEST_CASE("an occluder shades the floor and a light behind it adds nothing", "[integrator][lights]")
+{
+    const std::string light = R"({"type": "point", "position": [0, 4, 0], "intensity": 3})";
+    Scene open = floor_under(light);
+    CHECK(mean_of(open, settings_for(open, Integrator::direct), 16).value.x > 0.0);
+    Scene shut = scene_from(R"({ "camera": {"position": [1, 1, 1], "target": [0, 0, 0], "fov": 0.02}, "film": {"resolution": [2, 2]},
+        "objects": [ {"shape": "plane", "scale": 40}, {"shape": "plane", "translate": [0, 2, 0]} ], "lights": [)" + light + "] }");
+    CHECK(mean_of(shut, settings_for(shut, Integrator::direct), 16).value.x == 0.0);
+    Scene below = floor_under(R"({"type": "point", "position": [0, -4, 0], "intensity": 3})");
+    const Mean dark = mean_of(below, settings_for(below, Integrator::direct), 16);
+    CHECK(dark.value.x == 0.0);
+    CHECK(dark.state.shadow_rays == 0);
+}
+
+TEST_CASE("inside a closed sphere paths add up to the integrating sphere's radiance", "[integrator][path]")
+{
+    const Scene scene = scene_from(R"({ "camera": {"position": [0.3, 0.2, 0.1], "target": [1, 0, 0], "fov": 60}, "film": {"resolution": [16, 16]},
+        "objects": [ {"shape": "sphere", "scale": 2, "matte": {"albedo": [0.8, 0.5, 0.2]}} ],
+        "lights": [ {"type": "point", "position": [0, 0, 0], "intensity": 3} ] })");
+    const Mean mean = mean_of(scene, settings_for(scene, Integrator::path), 1024);
+    for (int c = 0; c < 3; ++c) {
+        const double albedo = c == 0 ? 0.8 : c == 1 ? 0.5 : 0.2;
+        const double expected = albedo / pi * (3.0 / 4.0) / (1.0 - albedo);
+        INFO("channel " << c << ": found " << mean.value[c] << ", expected " << expected << ", sigma " << mean.sigma[c]);
+        // Facets of the sphere are up to 3e-4 nearer to the light than the sphere; depth 32 leaves out .8^32 = 8e-4 of the first.
+        CHECK(std::abs(mean.value[c] - expected) < 1.5e-3 * expected + 4.0 * mean.sigma[c]);
+    }
+}
+
+TEST_CASE("in a white furnace everything white is as bright as the sky", "[integrator][path]")
+{
+    const Scene scene = scene_from(R"({ "camera": {"position": [0, 2, 6], "target": [0, 0.5, 0], "fov": 30}, "film": {"resolution": [16, 16]},
+        "objects": [ {"shape": "plane", "scale": 10, "matte": {"albedo": 1}}, {"shape": "sphere", "translate": [0, 1, 0], "matte": {"albedo": 1}} ],
+        "lights": [ {"type": "environment", "colour": 1} ] })");
+    RenderSettings settings = settings_for(scene, Integrator::path);
+    settings.max_depth = 1024;
+    const Mean mean = mean_of(scene, settings, 1024);
+    INFO("found " << mean.value.x << ", sigma " << mean.sigma.x);
+    CHECK(std::abs(mean.value.x - 1.0) < 4.0 * mean.sigma.x + 1e-4);
+    CHECK(mean.sigma.x < 2e-3);
+    // Depth 1 is the direct integrator, sample by sample.
+    settings.max_depth = 1;
+    const Mean once = mean_of(scene, settings, 8), direct = mean_of(scene, settings_for(scene, Integrator::direct), 8);
+    CHECK(same_bits(once.state, direct.state));
+}
+
+TEST_CASE("a sheet lets through light and view as its gaps say", "[integrator][gaps]")
+{
+    const auto sheet = [](const char* camera, const char* extra) {
+        return scene_from(std::string(R"({ "camera": )") + camera + R"(, "film": {"resolution": [16, 16]},
+            "lights": [ {"type": "directional", "direction": [0, -1, 0], "irradiance": 2, "angular_diameter": 0} ],
+            "objects": [ {"shape": "plane", "scale": 2, "translate": [0, 1, 0], "uv_scale": 2,
+                          "fabric": {"name": "gauze", "pattern": "plain 1/1", "resolution": 32, "warp": {"width": 0.0003}, "weft": {"width": 0.0003}}})" +
+                          extra + "] }");
+    };
+    // From above through the sheet; pixels are many repeats wide.
+    Scene view = sheet(R"({"position": [0, 3, 0], "target": [0, 0, 0], "up": [0, 0, -1], "fov": 10})", "");
+    REQUIRE(view.fabrics[0].has_gaps);
+    const double gaps = double(view.fabrics[0].gap_cover);
+    REQUIRE(gaps > 0.05);
+    view.settings.visibility = f32::cloth_visibility_none;
+    // Points are drawn by visible area, which at normal incidence is even over the sheet.
+    const Mean seen = mean_of(view, settings_for(view, Integrator::direct), 1024);
+    CHECK(seen.alpha == Approx(1.0 - gaps).margin(4.0 * std::sqrt(gaps / (1024.0 * 256.0)) + 0.011));   // [6.4.2]: bias 1.1 % at most
+
+    // The floor below, lit straight through the gaps.
+    Scene lit = sheet(R"({"position": [0, 0.5, 0], "target": [0, 0, 0], "up": [0, 0, -1], "fov": 20})",
+                      R"(, {"shape": "plane", "scale": 2, "matte": {"albedo": 1}} )");
+    lit.settings.visibility = f32::cloth_visibility_none;
+    const Mean floor = mean_of(lit, settings_for(lit, Integrator::direct), 1024);
+    INFO("found " << floor.value.x * pi / 2.0 << ", gaps " << gaps);
+    CHECK(std::abs(floor.value.x * pi / 2.0 - gaps) < 5.0 * std::sqrt(gaps / (1024.0 * 256.0)));
+}
+
+TEST_CASE("thread count and steps leave every bit as it is", "[integrator][determinism]")
+{
+    const Scene scene = scene_from(cloth_scene("[40, 24]"));
+    for (const Integrator integrator : {Integrator::direct, Integrator::path}) {
+        RenderSettings settings = settings_for(scene, integrator);
+        settings.aovs = aov_normal | aov_depth | aov_uv | aov_albedo;
+        std::vector<RenderState> states;
+        for (const int threads : {1, 2, 5}) {
+            tbb::task_arena arena(threads);
+            arena.execute([&] {
+                const RayScene rays(scene);
+                const Renderer renderer(scene, rays, settings);
+                states.push_back(renderer.start());
+                // 1, 2, 5: in one step, in two, in five
+                for (int step = 0; step < threads; ++step)
+                    renderer.add_samples(states.back(), step + 1 < threads ? 3u : 20u - 3u * std::uint32_t(threads - 1));
+            });
+        }
+        CHECK(states[0].samples == 20);
+        CHECK(same_bits(states[0], states[1]));
+        CHECK(same_bits(states[0], states[2]));
+        // Another seed is another picture.
+        settings.seed = 1;
+        CHECK(!same_bits(states[0], mean_of(scene, settings, 20).state));
+        // A region holds the bits that the whole picture has there.
+        settings.seed = 0;
+        settings.region = {10, 5, 30, 20};
+        const RenderState part = mean_of(scene, settings, 20).state;
+        for (int y = 5; y < 20; ++y)
+            for (int x = 10; x < 30; ++x)
+                REQUIRE(part.pixels[std::size_t((y - 5) * 20 + x - 10)].total == states[0].pixels[std::size_t(y * 40 + x)].total);
+    }
+}
+
+TEST_CASE("a checkpoint brings back every bit and refuses other work and damage", "[integrator][checkpoint]")
+{
+    const Scene scene = scene_from(cloth_scene("[24, 16]"));
+    const std::string path = (std::filesystem::temp_directory_path() / ("selvedge-" + std::to_string(getpid()) + ".checkpoint")).string();
+    RenderSettings settings = settings_for(scene, Integrator::path);
+    settings.aovs = aov_normal;
+    const RayScene rays(scene);
+    const Renderer renderer(scene, rays, settings);
+    RenderState through = renderer.start(), first = renderer.start();
+    renderer.add_samples(through, 21);
+    renderer.add_samples(first, 10);
+    const std::string owner = checkpoint_owner(scene, settings);
+    CHECK(!read_checkpoint(path, owner));
+    write_checkpoint(path, owner, {settings.block_length, 1.5, first});
+    std::optional<Checkpoint> back = read_checkpoint(path, owner);
+    REQUIRE(back);
+    CHECK(back->seconds == 1.5);
+    CHECK(same_bits(back->state, first));
+    renderer.add_samples(back->state, 11);
+    CHECK(same_bits(back->state, through));
+    CHECK(back->state.rays == through.rays);
+
+    settings.seed = 7;
+    CHECK_THROWS_AS(read_checkpoint(path, checkpoint_owner(scene, settings)), InputError);
+    std::string bytes;
+    {
+        std::ifstream in(path, std::ios::binary);
+        bytes.assign(std::istreambuf_iterator<char>(in), {});
+    }
+    for (const std::size_t length : {std::size_t(0), std::size_t(20), bytes.size() / 2, bytes.size() - 1}) {
+        std::ofstream(path, std::ios::binary | std::ios::trunc).write(bytes.data(), std::streamsize(length));
+        CHECK_THROWS_AS(read_checkpoint(path, owner), InputError);
+    }
+    bytes[bytes.size() / 2] = char(bytes[bytes.size() / 2] ^ 1);
+    std::ofstream(path, std::ios::binary | std::ios::trunc).write(bytes.data(), std::streamsize(bytes.size()));
+    CHECK_THROWS_AS(read_checkpoint(path, owner), InputError);
+    std::filesystem::remove(path);
+}
+
+TEST_CASE("the variance layer tells the spread of the picture over seeds", "[integrator][variance]")
+{
+    const Scene scene = scene_from(cloth_scene("[24, 24]"));
+    constexpr int seeds = 64;
+    const RayScene rays(scene);
+    for (const Integrator integrator : {Integrator::direct, Integrator::path}) {
+        std::vector<glm::dvec3> sum(24 * 24, glm::dvec3(0.0)), squares = sum, claimed = sum;
+        for (int seed = 0; seed < seeds; ++seed) {
+            RenderSettings settings = settings_for(scene, integrator, f32::cloth_block_length(64));
+            settings.seed = std::uint32_t(seed) + 100u;
+            const Renderer renderer(scene, rays, settings);
+            RenderState state = renderer.start();
+            renderer.add_samples(state, 64);
+            for (std::size_t i = 0; i < sum.size(); ++i) {
+                const PixelEstimate pixel = estimate(state.pixels[i], state.samples, settings.block_length);
+                sum[i] += pixel.mean;
+                squares[i] += pixel.mean * pixel.mean;
+                claimed[i] += pixel.variance;
+            }
+        }
+        glm::dvec3 spread(0.0), claim(0.0);
+        for (std::size_t i = 0; i < sum.size(); ++i) {
+            spread += (squares[i] - sum[i] * sum[i] / double(seeds)) / double(seeds - 1);
+            claim += claimed[i] / double(seeds);
+        }
+        for (int c = 0; c < 3; ++c) {
+            INFO("spread over seeds " << spread[c] << ", variance layer " << claim[c]);
+            CHECK(spread[c] / claim[c] == Approx(1.0).margin(0.04));   // 576 pixels, 63 degrees of freedom each: sigma below 0.01
+        }
+    }
+}

@@ -1,0 +1,66 @@
+// One row for each shared function under test: ROW(name, numbers in, numbers out, statements). The statements are in the dialect
+// of glsl/interop.h, so one text runs as GLSL (tests/evaluate.py pastes it into evaluate.comp), C++ float and C++ double
+// (cpp/evaluate_main.cpp). What goes in, what is expected and how exactly: shared_functions.py, by the same name.
+
+// ---- cloth_bsdf.h
+ROW(frame, 3, 9, out_frame(0, cloth_frame(in3(0)));)
+ROW(unit_vector, 6, 3, out3(0, cloth_unit_vector(in3(0), in3(3)));)
+ROW(sggx_sigma, 7, 1, out1(0, cloth_sggx_sigma(in3(0), in3(3), in1(6)));)
+ROW(sggx_d, 7, 1, out1(0, cloth_sggx_d(in3(0), in3(3), in1(6)));)
+ROW(sggx_d_antiparallel, 7, 1, out1(0, cloth_sggx_d_antiparallel(in3(0), in3(3), in1(6)));)
+ROW(sggx_d_half, 10, 1, out1(0, cloth_sggx_d_half(in3(0), in3(3), in3(6), in1(9)));)
+ROW(sggx_sample_vndf, 9, 3, out3(0, cloth_sggx_sample_vndf(in3(0), in3(3), in1(6), in2(7)));)
+ROW(phi1, 1, 1, out1(0, cloth_phi1(in1(0)));)
+ROW(slab_reflect, 6, 1, out1(0, cloth_slab_reflect(in1(0), in1(1), in1(2), in1(3), in1(4), in1(5)));)
+ROW(slab_transmit, 6, 1, out1(0, cloth_slab_transmit(in1(0), in1(1), in1(2), in1(3), in1(4), in1(5)));)
+ROW(diffuse, 7, 1, out1(0, cloth_diffuse(in3(0), in3(3), in1(6)));)
+ROW(point_value, 34, 3, out3(0, cloth_point_value(in_point(0), in_yarn(11), in3(28), in3(31)));)
+ROW(lobe_weights, 17, 4, real4 w = cloth_lobe_weights(in_yarn(0)); out2(0, real2(w.x, w.y)); out2(2, real2(w.z, w.w));)
+ROW(point_pdf, 34, 1, out1(0, cloth_point_pdf(in_point(0), in_yarn(11), in3(28), in3(31)));)
+ROW(cosine_sample, 5, 3, out3(0, cloth_cosine_sample(in3(0), in2(3)));)
+ROW(point_sample, 35, 4, ClothSample s = cloth_point_sample(in_point(0), in_yarn(11), in3(28), in2(31), in2(33)); out3(0, s.wi); out1(3, s.pdf);)
+
+// ---- cloth_visibility.h
+ROW(horizon_azimuth, 2, 1, out1(0, cloth_horizon_azimuth(in2(0)));)
+ROW(horizon_step, 2, 1, out1(0, cloth_horizon_step(in1(0), in1(1)));)
+ROW(horizon_visibility, 21, 1, out1(0, cloth_horizon_visibility(in_horizon(0), in3(18)));)
+
+// ---- cloth_maps.h, cloth_footprint.h
+ROW(decode_slopes, 2, 2, out2(0, cloth_decode_slopes(in_word(0)));)
+ROW(wrap, 2, 1, out1(0, real(cloth_wrap(in_int(0), in_int(1))));)
+ROW(texel_at, 2, 2, ivec2 xy = cloth_texel_at(in_maps(), in2(0)); out2(0, real2(real(xy.x), real(xy.y)));)
+ROW(texel, 3, 16, out_texel(0, cloth_texel(in_maps(), in_int(0), ivec2(in_int(1), in_int(2))));)
+ROW(horizon, 3, 18, out_horizon(0, cloth_horizon(in_maps(), in_int(0), ivec2(in_int(1), in_int(2))));)
+ROW(mean_slopes, 4, 2, out2(0, cloth_mean_slopes(in_maps(), in_int(0), in2(1), in_int(3)));)
+ROW(area_from_mips, 10, 1, out1(0, cloth_area_from_mips(in_maps(), in_int(0), in_footprint(1), in3(7)));)
+ROW(select, 18, 18, ClothSelection s = cloth_select(in_maps(), in_int(0), in_footprint(1), in3(7), ClothSettings(in_int(10), in_int(11), in_int(12)), ClothRandom(in_word(13), in_word(15), uint(in_int(17)))); out1(0, s.passes ? real(1) : real(0)); out1(1, s.passes ? real(0) : s.weight); if (!s.passes) { out_texel(2, s.texel); } else { for (int k = 2; k < 18; ++k) { out1(k, real(0)); } })
+ROW(passes, 9, 1, out1(0, cloth_passes(in_maps(), in2(0), in3(2), ClothSettings(in_int(5), in_int(6), in_int(7)), in1(8)) ? real(1) : real(0));)
+
+// ---- cloth_surface.h
+ROW(camera_ray, 16, 12, ClothRay r = cloth_camera_ray(ClothCamera(in3(0), in3(3), in3(6), in3(9), in2(12)), in2(14)); out3(0, r.origin); out3(3, r.direction); out3(6, r.direction_dx); out3(9, r.direction_dy);)
+ROW(filter_offset, 3, 2, out2(0, cloth_filter_offset(in_int(0), in2(1)));)
+ROW(barycentric, 27, 2, out2(0, cloth_barycentric(in_triangle(0), in3(24)));)
+ROW(uv_frame, 30, 9, out_frame(0, cloth_uv_frame(in_triangle(0), in3(24), in3(27)));)
+ROW(surface, 36, 25, ClothSurface s = cloth_surface(in_triangle(0), in_ray(24)); out3(0, s.position); out3(3, s.normal_g); out_frame(6, s.frame); out3(15, s.wo); out2(18, s.tile); out2(20, s.tile_dx); out2(22, s.tile_dy); out1(24, real(s.side));)
+ROW(leave, 6, 3, out3(0, cloth_leave(in3(0), in3(3)));)
+
+// ---- cloth_light.h, cloth_direct.h
+ROW(environment_direction, 3, 3, out3(0, cloth_environment_direction(in2(0), in1(2)));)
+ROW(environment_uv, 4, 2, out2(0, cloth_environment_uv(in3(0), in1(3)));)
+ROW(environment, 22, 4, real4 c = cloth_environment(in_lights(), in_light(0), in3(19)); out2(0, real2(c.x, c.y)); out2(2, real2(c.z, c.w));)
+ROW(light_sample, 28, 8, out_light(0, cloth_light_sample(in_lights(), in_light(0), in3(19), in2(22), uvec2(in_word(24), in_word(26))));)
+ROW(light_hit, 25, 8, out_light(0, cloth_light_hit(in_lights(), in_light(0), in3(19), in3(22)));)
+ROW(choose_light, 1, 2, ClothLightChoice c = cloth_choose_light(in_lights(), in1(0)); out1(0, real(c.light.kind)); out1(1, c.u);)
+
+// ---- color.h
+ROW(tone_neutral, 3, 3, out3(0, cloth_tone_neutral(in3(0)));)
+ROW(srgb, 3, 3, out3(0, cloth_srgb(in3(0)));)
+ROW(display, 4, 3, out3(0, cloth_display(in3(0), in1(3)));)
+ROW(relmse_term, 2, 1, out1(0, cloth_relmse_term(in1(0), in1(1)));)
+
+// ---- random.h: all bits must agree
+ROW(hash, 2, 2, out_word(0, cloth_hash(in_word(0)));)
+ROW(hash_combine, 4, 2, out_word(0, cloth_hash_combine(in_word(0), in_word(2)));)
+ROW(random_bits, 6, 4, uvec2 b = cloth_random_bits(in_word(0), in_word(2), in_word(4)); out_word(0, b.x); out_word(2, b.y);)
+ROW(random, 6, 2, out2(0, cloth_random(in_word(0), in_word(2), in_word(4)));)
+ROW(block_length, 2, 1, out1(0, real(cloth_block_length(in_word(0))));)
