@@ -13,14 +13,17 @@
 #include "ply.hpp"
 #include "visibility.hpp"
 
-namespace selvedge {
+namespace selvedge
+{
 
-namespace {
+namespace
+{
 
 constexpr float pi = 3.14159265358979f;
 
-class Stopwatch {
-public:
+class Stopwatch
+{
+  public:
     double lap() // seconds since the last one
     {
         const auto now = std::chrono::steady_clock::now();
@@ -29,7 +32,7 @@ public:
         return spent;
     }
 
-private:
+  private:
     std::chrono::steady_clock::time_point last = std::chrono::steady_clock::now();
 };
 
@@ -78,17 +81,19 @@ float unscattered_mean(float thickness)
     return sum;
 }
 
-// Light that leaves the slab after two and more scatterings, per channel, split into reflected and transmitted: math.md 9.2.
+// Light that leaves the slab after two and more scatterings, per channel, split into reflected and transmitted:
+// math.md 9.2.
 struct Rescattered {
     glm::vec3 reflected, transmitted;
 };
 Rescattered rescattered(glm::vec3 albedo_r, glm::vec3 albedo_t, float thickness)
 {
     const float t = thickness;
-    const float once = 0.26f + 0.74f * std::exp(-1.23f * std::pow(t, 0.9f)); // of what scatters: leaves after one scattering
+    const float once =
+        0.26f + 0.74f * std::exp(-1.23f * std::pow(t, 0.9f)); // of what scatters: leaves after one scattering
     const float all = (1 - unscattered_mean(t)) * (1 - once);
-    const float again = 1 - 1 / (1 + 1.15f * t + 0.13f * t * t);             // probability of one more scattering
-    const float share = std::min(0.49f + 0.048f * t, 0.95f);                 // reflected; fitted for T <= 4
+    const float again = 1 - 1 / (1 + 1.15f * t + 0.13f * t * t); // probability of one more scattering
+    const float share = std::min(0.49f + 0.048f * t, 0.95f);     // reflected; fitted for T <= 4
     const auto kept = [&](glm::vec3 a) { return a * a * (1 - again) / (1.0f - a * again); };
     return {all * share * kept(albedo_r), all * (1 - share) * kept(albedo_t)};
 }
@@ -127,7 +132,8 @@ PackedFabric bake_fabric(const Fabric& fabric, const BakeOptions& options, BakeR
     BakeReport spent;
     const VisibilityKind kind = options.visibility.value_or(fabric.visibility);
     if (kind != VisibilityKind::horizon8 && kind != VisibilityKind::exact)
-        throw UsageError("visibility %s is not available in this version, expected horizon8 or exact", visibility_name(kind));
+        throw UsageError("visibility %s is not available in this version, expected horizon8 or exact",
+                         visibility_name(kind));
 
     const WovenPlan plan = plan_woven(fabric, options.resolution > 0 ? options.resolution : fabric.resolution);
     PackedFabric packed;
@@ -137,8 +143,7 @@ PackedFabric bake_fabric(const Fabric& fabric, const BakeOptions& options, BakeR
     packed.warnings = fabric.warnings;
     packed.warnings.insert(packed.warnings.end(), plan.warnings.begin(), plan.warnings.end());
     const YarnTypes types = yarn_types(fabric);
-    for (const YarnTypes::Type& type : types.types)
-        packed.yarn_names.push_back(type.name);
+    for (const YarnTypes::Type& type : types.types) packed.yarn_names.push_back(type.name);
     packed.yarns = shade_yarns(fabric);
     for (const auto& yarn : packed.yarns)
         packed.transmits = packed.transmits || glm::any(glm::greaterThan(yarn.albedo_t + yarn.diffuse_t, glm::vec3(0)));
@@ -158,8 +163,7 @@ PackedFabric bake_fabric(const Fabric& fabric, const BakeOptions& options, BakeR
             side.horizons = horizon_knots({plan.size, plan.tile_m, &maps.side[s].height_m});
             std::vector<glm::vec2> shown = maps.side[s].slope; // as stored: gaps are flat
             for (std::size_t i = 0; i < shown.size(); ++i)
-                if (maps.gap[i])
-                    shown[i] = glm::vec2(0);
+                if (maps.gap[i]) shown[i] = glm::vec2(0);
             const std::vector<float> irradiance = cosine_irradiance(side.horizons, shown, plan.size);
             spent.visibility_seconds += stage.lap();
             pack_side(maps, s, irradiance, side);
@@ -167,13 +171,11 @@ PackedFabric bake_fabric(const Fabric& fabric, const BakeOptions& options, BakeR
                 side.slope_mips.push_back(pack_slope(slope));
             spent.normals_seconds += stage.lap();
         }
-        if (options.use_cache)
-            spent.disk_bytes = write_cache(hash, packed);
+        if (options.use_cache) spent.disk_bytes = write_cache(hash, packed);
     }
     spent.memory_bytes = packed.resident_bytes();
     spent.total_seconds = total.lap();
-    if (report)
-        *report = spent;
+    if (report) *report = spent;
     return packed;
 }
 
@@ -182,40 +184,44 @@ VisibilityError measure_visibility(const PackedFabric& fabric, int directions, i
     VisibilityError error;
     error.directions = directions;
     error.texels = texels;
-    if (fabric.visibility == VisibilityKind::exact)
-        return error; // it is its own yardstick
+    if (fabric.visibility == VisibilityKind::exact) return error; // it is its own yardstick
 
     const glm::ivec2 size = fabric.size, half = size / 2;
     std::vector<double> sums(static_cast<std::size_t>(texels), 0.0);
     for (const PackedSide& side : fabric.side) {
         const HeightField field{size, fabric.tile_m, &side.heights_m};
-        const float highest = *std::max_element(side.heights_m.begin(), side.heights_m.end());
+        const glm::vec2 range_m = height_range(field);
         tbb::parallel_for(0, texels, [&](int t) {
             // Texels and directions on golden-ratio lattices: even cover, no seed.
             const double u = (t + 0.5) / texels, v = std::fmod(0.6180339887498949 * t, 1.0);
             const int x = static_cast<int>(u * size.x), y = static_cast<int>(v * size.y);
             const auto block = [&](int X, int Y) {
                 X = (X + half.x) % half.x, Y = (Y + half.y) % half.y;
-                return side.horizons[static_cast<std::size_t>(Y) * static_cast<std::size_t>(half.x) + static_cast<std::size_t>(X)];
+                return side.horizons[static_cast<std::size_t>(Y) * static_cast<std::size_t>(half.x) +
+                                     static_cast<std::size_t>(X)];
             };
             const int X = (x + 1) / 2 - 1, Y = (y + 1) / 2 - 1; // lower corner of the four blocks around the texel
-            cloth::f32::ClothHorizon horizon{block(X, Y), block(X + 1, Y), block(X, Y + 1), block(X + 1, Y + 1),
+            cloth::f32::ClothHorizon horizon{block(X, Y),
+                                             block(X + 1, Y),
+                                             block(X, Y + 1),
+                                             block(X + 1, Y + 1),
                                              {x % 2 ? 0.25f : 0.75f, y % 2 ? 0.25f : 0.75f}};
             double sum = 0;
             for (int d = 0; d < directions; ++d) {
-                const float z = (static_cast<float>(d) + 0.5f) / static_cast<float>(directions), r = std::sqrt(1 - z * z);
+                const float z = (static_cast<float>(d) + 0.5f) / static_cast<float>(directions),
+                            r = std::sqrt(1 - z * z);
                 const float azimuth = static_cast<float>(std::fmod(2.399963229728653 * d, 6.283185307179586));
-                const float s = march_horizon(field, highest, glm::vec2(x, y) + 0.5f, azimuth);
+                const float s = march_horizon(field, range_m, glm::vec2(x, y) + 0.5f, azimuth);
                 const float exact = z > s ? 1.0f : 0.0f;
-                const float got = cloth::f32::cloth_horizon_visibility(horizon, {r * std::cos(azimuth), r * std::sin(azimuth), z});
+                const float got =
+                    cloth::f32::cloth_horizon_visibility(horizon, {r * std::cos(azimuth), r * std::sin(azimuth), z});
                 sum += static_cast<double>((got - exact) * (got - exact));
             }
             sums[static_cast<std::size_t>(t)] += sum;
         });
     }
     double sum = 0;
-    for (const double s : sums)
-        sum += s;
+    for (const double s : sums) sum += s;
     error.rms = std::sqrt(sum / (2.0 * texels * directions));
     return error;
 }

@@ -7,13 +7,14 @@
 #include "fabric.hpp"
 #include "pack.hpp"
 
-namespace selvedge {
+namespace selvedge
+{
 
 struct BakeOptions {
-    int resolution = 0;        // 0: the fabric's own
+    int resolution = 0;                       // 0: the fabric's own
     std::optional<VisibilityKind> visibility; // absent: the fabric's own. Only horizon8 and exact can be baked
-    bool use_cache = true;     // read and write $SELVEDGE_CACHE, $XDG_CACHE_HOME/selvedge or ~/.cache/selvedge
-    bool force = false;        // bake even when cached (and write the cache again)
+    bool use_cache = true; // read and write $SELVEDGE_CACHE, $XDG_CACHE_HOME/selvedge or ~/.cache/selvedge
+    bool force = false;    // bake even when cached (and write the cache again)
 };
 
 struct BakeReport {

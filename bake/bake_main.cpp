@@ -1,4 +1,5 @@
-// selvedge-bake: bakes one fabric into the cache, reports, draws its maps. Exit 0 done, 1 input or I/O failed, 2 wrong usage.
+// selvedge-bake: bakes one fabric into the cache, reports, draws its maps. Exit 0 done, 1 input or I/O failed, 2 wrong
+// usage.
 #include <algorithm>
 #include <cmath>
 #include <cstdio>
@@ -14,7 +15,8 @@
 #include "bake/program.hpp"
 #include "bake/wif.hpp"
 
-namespace {
+namespace
+{
 
 using namespace selvedge;
 
@@ -28,12 +30,16 @@ struct Options {
 Options parse_options(int argc, char** argv, bool& done)
 {
     Options options;
-    CLI::App app("Bakes a fabric: pattern and yarns to feature maps, visibility and slope mips, into the cache.", "selvedge-bake");
+    CLI::App app("Bakes a fabric: pattern and yarns to feature maps, visibility and slope mips, into the cache.",
+                 "selvedge-bake");
     app.add_option("input", options.input, "FABRIC.json or DRAFT.wif");
     app.add_option("-o,--output", options.output_folder, "folder for maps.exr and fabric.json (besides the cache)");
-    app.add_option("--resolution", options.resolution, "texels along the longer side of the repeat (16 to 2048)")->check(CLI::Range(16, 2048));
-    app.add_option("--visibility", options.visibility, "horizon8, exact (horizon16, cap, asg, asg-lsq: not available yet)");
-    app.add_option("-D", options.overrides, "path.to.key=value: overrides a value of the fabric")->allow_extra_args(false);
+    app.add_option("--resolution", options.resolution, "texels along the longer side of the repeat (16 to 2048)")
+        ->check(CLI::Range(16, 2048));
+    app.add_option("--visibility", options.visibility,
+                   "horizon8, exact (horizon16, cap, asg, asg-lsq: not available yet)");
+    app.add_option("-D", options.overrides, "path.to.key=value: overrides a value of the fabric")
+        ->allow_extra_args(false);
     app.add_option("--preview", options.preview, "PNG: all maps on one sheet, front above, back below");
     app.add_option("--export-draft", options.export_draft, "WIF: the woven pattern");
     app.add_flag("--force", options.force, "bake even when the cache has it");
@@ -43,20 +49,17 @@ Options parse_options(int argc, char** argv, bool& done)
     app.add_flag("-V,--version", options.version, "version, git revision, libraries");
     try {
         app.parse(argc, argv);
-    }
-    catch (const CLI::CallForHelp&) {
+    } catch (const CLI::CallForHelp&) {
         std::fputs(app.help().c_str(), stdout);
         done = true;
         return options;
-    }
-    catch (const CLI::ParseError& error) {
+    } catch (const CLI::ParseError& error) {
         throw UsageError("%s", error.what());
     }
     if (options.version || options.list) {
         std::string text = options.version ? version_text("selvedge-bake", image_library_versions()) : "";
         if (options.list)
-            for (const std::string& weave : builtin_weaves())
-                text += weave + "\n";
+            for (const std::string& weave : builtin_weaves()) text += weave + "\n";
         std::fputs(text.c_str(), stdout);
         done = true;
     } else if (options.input.empty()) {
@@ -102,13 +105,11 @@ int bake(int argc, char** argv)
 {
     bool done = false;
     const Options options = parse_options(argc, argv, done);
-    if (done)
-        return 0;
+    if (done) return 0;
     BakeOptions bake_options;
     bake_options.resolution = options.resolution;
     bake_options.force = options.force;
-    if (!options.visibility.empty())
-        bake_options.visibility = parse_visibility(options.visibility);
+    if (!options.visibility.empty()) bake_options.visibility = parse_visibility(options.visibility);
 
     const Fabric fabric = load_fabric(options.input, options.overrides);
     if (!options.export_draft.empty()) {
@@ -128,13 +129,11 @@ int bake(int argc, char** argv)
         write_png(options.preview, sheet);
     }
     nlohmann::json json;
-    if (options.json || !options.output_folder.empty())
-        json = report_json(packed, report, measure_visibility(packed));
+    if (options.json || !options.output_folder.empty()) json = report_json(packed, report, measure_visibility(packed));
     if (!options.output_folder.empty()) {
         std::error_code error;
         std::filesystem::create_directories(options.output_folder, error);
-        if (error)
-            throw InputError(options.output_folder, 0, "cannot be made: %s", error.message().c_str());
+        if (error) throw InputError(options.output_folder, 0, "cannot be made: %s", error.message().c_str());
         write_exr(options.output_folder + "/maps.exr", map_layers(packed), provenance(argc, argv));
         const std::string text = json.dump(2) + "\n";
         write_file(options.output_folder + "/fabric.json", text.data(), text.size());
@@ -142,10 +141,11 @@ int bake(int argc, char** argv)
     if (options.json)
         std::printf("%s\n", json.dump().c_str());
     else if (!options.quiet)
-        std::printf("%s: %d x %d texels of %.4g x %.4g mm, warp %.1f %%, weft %.1f %%, gaps %.1f %%; %s %.3f s\n", packed.name.c_str(),
-                    packed.size.x, packed.size.y, 1e3 * static_cast<double>(packed.tile_m.x), 1e3 * static_cast<double>(packed.tile_m.y),
-                    100 * static_cast<double>(packed.warp_cover), 100 * static_cast<double>(packed.weft_cover),
-                    100 * static_cast<double>(packed.gap_cover), report.cached ? "from the cache in" : "baked in", report.total_seconds);
+        std::printf("%s: %d x %d texels of %.4g x %.4g mm, warp %.1f %%, weft %.1f %%, gaps %.1f %%; %s %.3f s\n",
+                    packed.name.c_str(), packed.size.x, packed.size.y, 1e3 * static_cast<double>(packed.tile_m.x),
+                    1e3 * static_cast<double>(packed.tile_m.y), 100 * static_cast<double>(packed.warp_cover),
+                    100 * static_cast<double>(packed.weft_cover), 100 * static_cast<double>(packed.gap_cover),
+                    report.cached ? "from the cache in" : "baked in", report.total_seconds);
     return 0;
 }
 

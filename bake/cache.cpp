@@ -9,9 +9,11 @@
 #include "error.hpp"
 #include "image.hpp"
 
-namespace selvedge {
+namespace selvedge
+{
 
-namespace {
+namespace
+{
 
 // Raise it when the words of a bake change for the same inputs.
 constexpr std::uint32_t format_version = 1;
@@ -25,7 +27,7 @@ struct Header {
     float tile_m[2], cover[3], height_range_m[2];
     std::uint64_t counts[2][4]; // texels, horizons, mips, heights of each side
     std::uint64_t payload_bytes;
-    std::uint64_t check[2];     // hash of the payload
+    std::uint64_t check[2]; // hash of the payload
 };
 
 __extension__ using Wide = unsigned __int128;
@@ -95,12 +97,9 @@ std::string cache_folder()
         const char* value = std::getenv(name);
         return std::string(value ? value : "");
     };
-    if (const std::string own = variable("SELVEDGE_CACHE"); !own.empty())
-        return own;
-    if (const std::string xdg = variable("XDG_CACHE_HOME"); !xdg.empty())
-        return xdg + "/selvedge";
-    if (const std::string home = variable("HOME"); !home.empty())
-        return home + "/.cache/selvedge";
+    if (const std::string own = variable("SELVEDGE_CACHE"); !own.empty()) return own;
+    if (const std::string xdg = variable("XDG_CACHE_HOME"); !xdg.empty()) return xdg + "/selvedge";
+    if (const std::string home = variable("HOME"); !home.empty()) return home + "/.cache/selvedge";
     return "/tmp/selvedge-cache";
 }
 
@@ -108,15 +107,14 @@ bool read_cache(const std::string& hash, PackedFabric& fabric, std::size_t* disk
 try {
     const std::string path = cache_folder() + "/" + hash + ".bake";
     std::error_code error;
-    if (!std::filesystem::exists(path, error))
-        return false;
+    if (!std::filesystem::exists(path, error)) return false;
     const std::string bytes = read_file(path);
     Header header;
-    if (bytes.size() < sizeof header)
-        return false;
+    if (bytes.size() < sizeof header) return false;
     std::memcpy(&header, bytes.data(), sizeof header);
     if (std::memcmp(header.magic, magic, sizeof magic) != 0 || header.version != format_version ||
-        header.payload_bytes != bytes.size() - sizeof header || header.width != fabric.size.x || header.height != fabric.size.y)
+        header.payload_bytes != bytes.size() - sizeof header || header.width != fabric.size.x ||
+        header.height != fabric.size.y)
         return false;
     ContentHash check;
     check.bytes(bytes.data() + sizeof header, bytes.size() - sizeof header);
@@ -140,20 +138,18 @@ try {
     });
     const std::size_t texels = static_cast<std::size_t>(fabric.size.x) * static_cast<std::size_t>(fabric.size.y);
     for (const PackedSide& side : found.side)
-        whole = whole && side.texels.size() == texels && side.horizons.size() * 4 == texels && side.heights_m.size() == texels &&
+        whole = whole && side.texels.size() == texels && side.horizons.size() * 4 == texels &&
+                side.heights_m.size() == texels &&
                 side.slope_mips.size() == slope_level_offset(fabric.size, slope_level_count(fabric.size));
-    if (!whole || offset != bytes.size())
-        return false;
+    if (!whole || offset != bytes.size()) return false;
     found.tile_m = {header.tile_m[0], header.tile_m[1]};
     found.has_gaps = header.has_gaps != 0;
     found.warp_cover = header.cover[0], found.weft_cover = header.cover[1], found.gap_cover = header.cover[2];
     found.height_range_m = {header.height_range_m[0], header.height_range_m[1]};
     fabric = std::move(found);
-    if (disk_bytes)
-        *disk_bytes = bytes.size();
+    if (disk_bytes) *disk_bytes = bytes.size();
     return true;
-}
-catch (const std::exception&) {
+} catch (const std::exception&) {
     return false; // unreadable: as good as absent
 }
 
@@ -185,8 +181,7 @@ try {
     std::filesystem::create_directories(folder);
     write_file(folder + "/" + hash + ".bake", bytes.data(), bytes.size());
     return bytes.size();
-}
-catch (const std::exception&) {
+} catch (const std::exception&) {
     return 0; // a read-only home must not stop a render
 }
 

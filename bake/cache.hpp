@@ -7,23 +7,25 @@
 #include "pack.hpp"
 #include "ply.hpp"
 
-namespace selvedge {
+namespace selvedge
+{
 
 // 128-bit FNV-1a over bytes, values and texts.
-class ContentHash {
-public:
+class ContentHash
+{
+  public:
     void bytes(const void* data, std::size_t size);
     void text(const std::string& value);
     void number(std::int64_t value) { bytes(&value, sizeof value); }
     void number(float value) { bytes(&value, sizeof value); }
     std::string hex() const;
 
-private:
+  private:
     std::uint64_t high = 0x6c62272e07bb0142u, low = 0x62b821756295c58du;
 };
 
-// Hash of everything that the baked words depend on: pattern, yarn geometry, texels, visibility, format version. Albedo,
-// roughness, optical thickness and fibre twist are not among them.
+// Hash of everything that the baked words depend on: pattern, yarn geometry, texels, visibility, format version.
+// Albedo, roughness, optical thickness and fibre twist are not among them.
 std::string geometry_hash(const Fabric& fabric, const WovenPlan& plan, VisibilityKind visibility);
 
 // $SELVEDGE_CACHE, else $XDG_CACHE_HOME/selvedge, else $HOME/.cache/selvedge, else a folder in /tmp.

@@ -7,9 +7,11 @@
 
 #include "error.hpp"
 
-namespace selvedge {
+namespace selvedge
+{
 
-namespace {
+namespace
+{
 
 constexpr int weave_limit = 64; // threads in a built-in repeat
 
@@ -35,8 +37,7 @@ template <class Rule> Draft fill(Draft draft, Rule&& rule)
 int satin_step(int n)
 {
     for (int step = 2; step <= n - 2; ++step)
-        if (std::gcd(step, n) == 1)
-            return step;
+        if (std::gcd(step, n) == 1) return step;
     return 0;
 }
 
@@ -50,11 +51,9 @@ bool repeats_across(const Draft& draft, std::size_t by)
 {
     const std::size_t ends = draft.ends.size();
     for (std::size_t e = 0; e + by < ends; ++e) {
-        if (!same(draft.ends[e], draft.ends[e + by]))
-            return false;
+        if (!same(draft.ends[e], draft.ends[e + by])) return false;
         for (std::size_t p = 0; p < draft.picks.size(); ++p)
-            if (draft.warp_up[p * ends + e] != draft.warp_up[p * ends + e + by])
-                return false;
+            if (draft.warp_up[p * ends + e] != draft.warp_up[p * ends + e + by]) return false;
     }
     return true;
 }
@@ -63,12 +62,10 @@ bool repeats_up(const Draft& draft, std::size_t by)
 {
     const std::size_t ends = draft.ends.size();
     for (std::size_t p = 0; p + by < draft.picks.size(); ++p) {
-        if (!same(draft.picks[p], draft.picks[p + by]))
-            return false;
+        if (!same(draft.picks[p], draft.picks[p + by])) return false;
         const auto row = draft.warp_up.begin() + static_cast<std::ptrdiff_t>(p * ends);
         const auto other = draft.warp_up.begin() + static_cast<std::ptrdiff_t>((p + by) * ends);
-        if (!std::equal(row, row + static_cast<std::ptrdiff_t>(ends), other))
-            return false;
+        if (!std::equal(row, row + static_cast<std::ptrdiff_t>(ends), other)) return false;
     }
     return true;
 }
@@ -76,8 +73,7 @@ bool repeats_up(const Draft& draft, std::size_t by)
 template <class Test> std::size_t smallest_period(std::size_t count, Test&& repeats)
 {
     for (std::size_t by = 1; by < count; ++by)
-        if (count % by == 0 && repeats(by))
-            return by;
+        if (count % by == 0 && repeats(by)) return by;
     return count;
 }
 
@@ -88,12 +84,12 @@ Draft block(const Draft& draft, std::size_t ends, std::size_t picks)
     out.ends.resize(ends);
     out.picks.resize(picks);
     out.warp_up.assign(ends * picks, 0);
-    for (std::size_t e = 0; e < ends; ++e)
-        out.ends[e] = draft.ends[e % draft.ends.size()];
+    for (std::size_t e = 0; e < ends; ++e) out.ends[e] = draft.ends[e % draft.ends.size()];
     for (std::size_t p = 0; p < picks; ++p) {
         out.picks[p] = draft.picks[p % draft.picks.size()];
         for (std::size_t e = 0; e < ends; ++e)
-            out.warp_up[p * ends + e] = draft.warp_up[(p % draft.picks.size()) * draft.ends.size() + e % draft.ends.size()];
+            out.warp_up[p * ends + e] =
+                draft.warp_up[(p % draft.picks.size()) * draft.ends.size() + e % draft.ends.size()];
     }
     return out;
 }
@@ -147,21 +143,24 @@ Draft builtin_weave(const std::string& pattern, const std::string& file, int lin
         if (ok && n >= 5 && n < weave_limit && step >= 2 && step <= n - 2 && std::gcd(step, n) == 1)
             return fill(empty_draft(pattern, n, n), [=](int e, int p) { return (e == p * step % n) == weft_faced; });
         if (ok)
-            throw InputError(file, line, "pattern \"%s\": no regular satin, expected 5 or at least 7 threads, and a step "
-                             "of 2 or more without common factor", pattern.substr(0, 60).c_str());
+            throw InputError(file, line,
+                             "pattern \"%s\": no regular satin, expected 5 or at least 7 threads, and a step "
+                             "of 2 or more without common factor",
+                             pattern.substr(0, 60).c_str());
     }
 
     std::string list;
-    for (const std::string& weave : builtin_weaves())
-        list += (list.empty() ? "" : "; ") + weave;
+    for (const std::string& weave : builtin_weaves()) list += (list.empty() ? "" : "; ") + weave;
     throw InputError(file, line, "unknown pattern \"%s\", expected %s, or {\"wif\": \"FILE\"}",
                      pattern.substr(0, 60).c_str(), list.c_str());
 }
 
 Draft smallest_repeat(const Draft& draft)
 {
-    const std::size_t ends = smallest_period(draft.ends.size(), [&](std::size_t by) { return repeats_across(draft, by); });
-    const std::size_t picks = smallest_period(draft.picks.size(), [&](std::size_t by) { return repeats_up(draft, by); });
+    const std::size_t ends =
+        smallest_period(draft.ends.size(), [&](std::size_t by) { return repeats_across(draft, by); });
+    const std::size_t picks =
+        smallest_period(draft.picks.size(), [&](std::size_t by) { return repeats_up(draft, by); });
     return block(draft, ends, picks);
 }
 

@@ -6,12 +6,13 @@
 
 #include <glm/glm.hpp>
 
-namespace selvedge {
+namespace selvedge
+{
 
 // One end or one pick as the draft tells it; 0 where the draft is silent.
 struct DraftThread {
-    int colour = -1;       // index into Draft::colours, -1 none
-    float spacing_m = 0;   // from this thread's axis to the next one's
+    int colour = -1;     // index into Draft::colours, -1 none
+    float spacing_m = 0; // from this thread's axis to the next one's
     float thickness_m = 0;
 };
 
@@ -19,9 +20,9 @@ struct DraftThread {
 struct Draft {
     std::string title;
     std::vector<DraftThread> ends, picks;
-    std::vector<char> warp_up;          // picks * ends, row p first: 1 where the end lies over the pick
-    std::vector<glm::vec3> colours;     // linear Rec.709, [0, 1]
-    std::vector<std::string> warnings;  // what the reader assumed
+    std::vector<char> warp_up;         // picks * ends, row p first: 1 where the end lies over the pick
+    std::vector<glm::vec3> colours;    // linear Rec.709, [0, 1]
+    std::vector<std::string> warnings; // what the reader assumed
 
     bool warp_on_top(std::size_t pick, std::size_t end) const { return warp_up[pick * ends.size() + end] != 0; }
 };

@@ -3,7 +3,8 @@
 
 #include <cstdio>
 
-namespace selvedge {
+namespace selvedge
+{
 
 std::string format_text_list(const char* format, std::va_list arguments)
 {
@@ -11,8 +12,7 @@ std::string format_text_list(const char* format, std::va_list arguments)
     va_copy(again, arguments);
     const int length = std::vsnprintf(nullptr, 0, format, again);
     va_end(again);
-    if (length <= 0)
-        return {};
+    if (length <= 0) return {};
     std::string text(static_cast<std::size_t>(length), '\0');
     std::vsnprintf(text.data(), text.size() + 1, format, arguments);
     return text;
@@ -31,8 +31,7 @@ InputError::InputError(const std::string& file, int line, const char* format, ..
 {
     std::va_list arguments;
     va_start(arguments, format);
-    if (!file.empty())
-        text = line > 0 ? file + ":" + std::to_string(line) + ": " : file + ": ";
+    if (!file.empty()) text = line > 0 ? file + ":" + std::to_string(line) + ": " : file + ": ";
     text += format_text_list(format, arguments);
     va_end(arguments);
 }

@@ -11,9 +11,11 @@
 #include "params.hpp"
 #include "wif.hpp"
 
-namespace selvedge {
+namespace selvedge
+{
 
-namespace {
+namespace
+{
 
 constexpr struct {
     VisibilityKind kind;
@@ -40,10 +42,8 @@ void complete_lengths(YarnSpec& yarn, const std::vector<DraftThread>& threads, b
 {
     const float spacing = mean_length(threads, &DraftThread::spacing_m);
     const float thickness = mean_length(threads, &DraftThread::thickness_m);
-    if (!has_spacing && spacing > 0)
-        yarn.spacing_m = std::clamp(spacing, 2e-5f, 0.05f);
-    if (!has_width)
-        yarn.width_m = !has_spacing && thickness > 0 ? thickness : 0.9f * yarn.spacing_m;
+    if (!has_spacing && spacing > 0) yarn.spacing_m = std::clamp(spacing, 2e-5f, 0.05f);
+    if (!has_width) yarn.width_m = !has_spacing && thickness > 0 ? thickness : 0.9f * yarn.spacing_m;
 }
 
 std::optional<glm::vec3> optional_colour(const JsonValue& value, const char* key)
@@ -54,19 +54,17 @@ std::optional<glm::vec3> optional_colour(const JsonValue& value, const char* key
 void parse_yarn(const JsonValue& value, YarnSpec& yarn)
 {
     value.expect_object({"spacing", "width", "aspect", "plies", "ply_twist", "fibre_twist", "crimp", "albedo",
-                         "albedo_transmission", "diffuse", "diffuse_transmission", "roughness", "roughness_transmission",
-                         "thickness", "diffuse_mix"});
+                         "albedo_transmission", "diffuse", "diffuse_transmission", "roughness",
+                         "roughness_transmission", "thickness", "diffuse_mix"});
     for (const YarnParam& row : yarn_params)
         if (value.has(row.key))
-            yarn.*row.member = static_cast<float>(value[row.key].number(static_cast<double>(row.low) * (1 - 1e-6),
-                                                                        static_cast<double>(row.high)));
+            yarn.*row.member = static_cast<float>(
+                value[row.key].number(static_cast<double>(row.low) * (1 - 1e-6), static_cast<double>(row.high)));
     yarn.plies = value.integer("plies", yarn.plies, 1, ply_limit);
-    if (value.has("crimp"))
-        yarn.crimp = static_cast<float>(value["crimp"].number(0, 1));
+    if (value.has("crimp")) yarn.crimp = static_cast<float>(value["crimp"].number(0, 1));
     if (value.has("roughness_transmission"))
         yarn.roughness_transmission = static_cast<float>(value["roughness_transmission"].number(0.01, 1));
-    if (const auto albedo = optional_colour(value, "albedo"))
-        yarn.albedo = *albedo;
+    if (const auto albedo = optional_colour(value, "albedo")) yarn.albedo = *albedo;
     yarn.albedo_transmission = optional_colour(value, "albedo_transmission");
     yarn.diffuse = optional_colour(value, "diffuse");
     yarn.diffuse_transmission = optional_colour(value, "diffuse_transmission");
@@ -80,10 +78,14 @@ void parse_yarn(const JsonValue& value, YarnSpec& yarn)
         if ((yarn.diffuse || yarn.diffuse_transmission) && total[c] > 1.0001f)
             value[value.has("diffuse") ? "diffuse" : "diffuse_transmission"].fail(
                 "albedo + diffuse + diffuse_transmission is %.3g in %s, expected at most 1 (without diffuse it follows "
-                "from the albedo)", static_cast<double>(total[c]), channels[c]);
+                "from the albedo)",
+                static_cast<double>(total[c]), channels[c]);
 }
 
-std::string stem(const std::string& path) { return std::filesystem::path(path).stem().string(); }
+std::string stem(const std::string& path)
+{
+    return std::filesystem::path(path).stem().string();
+}
 
 void take_draft(Fabric& fabric, Draft draft)
 {
@@ -97,7 +99,8 @@ glm::ivec3 srgb8(glm::vec3 linear)
     glm::ivec3 out;
     for (int c = 0; c < 3; ++c) {
         const float v = std::clamp(linear[c], 0.0f, 1.0f);
-        out[c] = static_cast<int>(std::lround(255.0f * (v <= 0.0031308f ? v * 12.92f : 1.055f * std::pow(v, 1 / 2.4f) - 0.055f)));
+        out[c] = static_cast<int>(
+            std::lround(255.0f * (v <= 0.0031308f ? v * 12.92f : 1.055f * std::pow(v, 1 / 2.4f) - 0.055f)));
     }
     return out;
 }
@@ -106,7 +109,8 @@ glm::ivec3 srgb8(glm::vec3 linear)
 
 Fabric parse_fabric(const JsonValue& value)
 {
-    value.expect_object({"$schema", "name", "pattern", "resolution", "use_draft_colours", "warp", "weft", "visibility", "comment"});
+    value.expect_object(
+        {"$schema", "name", "pattern", "resolution", "use_draft_colours", "warp", "weft", "visibility", "comment"});
     Fabric fabric;
     fabric.path = value.path();
     fabric.name = value.text("name", stem(value.path()));
@@ -129,8 +133,7 @@ Fabric parse_fabric(const JsonValue& value)
         const char* key = is_warp ? "warp" : "weft";
         YarnSpec& yarn = is_warp ? fabric.warp : fabric.weft;
         const bool given = value.has(key);
-        if (given)
-            parse_yarn(value[key], yarn);
+        if (given) parse_yarn(value[key], yarn);
         complete_lengths(yarn, is_warp ? fabric.draft.ends : fabric.draft.picks, given && value[key].has("spacing"),
                          given && value[key].has("width"));
     }
@@ -142,14 +145,17 @@ Fabric load_fabric(const std::string& path, const Overrides& overrides)
     std::string extension = std::filesystem::path(path).extension().string();
     std::transform(extension.begin(), extension.end(), extension.begin(),
                    [](unsigned char c) { return static_cast<char>(std::tolower(c)); });
-    if (extension != ".wif")
-        return parse_fabric(JsonValue::read(path, overrides));
+    if (extension != ".wif") return parse_fabric(JsonValue::read(path, overrides));
 
     // A bare draft is the fabric that says nothing but its pattern.
     const std::string name = std::filesystem::path(path).filename().string();
-    const nlohmann::json bare = {{"name", stem(path)}, {"pattern", {{"wif", name}}}, {"use_draft_colours", true},
-                                 {"warp", {{"albedo", 0.9}}}, {"weft", {{"albedo", 0.9}}}};
-    return parse_fabric(JsonValue::parse(bare.dump(-1, ' ', false, nlohmann::json::error_handler_t::replace), path, overrides));
+    const nlohmann::json bare = {{"name", stem(path)},
+                                 {"pattern", {{"wif", name}}},
+                                 {"use_draft_colours", true},
+                                 {"warp", {{"albedo", 0.9}}},
+                                 {"weft", {{"albedo", 0.9}}}};
+    return parse_fabric(
+        JsonValue::parse(bare.dump(-1, ' ', false, nlohmann::json::error_handler_t::replace), path, overrides));
 }
 
 YarnTypes yarn_types(const Fabric& fabric)
@@ -175,17 +181,18 @@ YarnTypes yarn_types(const Fabric& fabric)
             const auto key = std::make_tuple(warp, bits.x >> drop, bits.y >> drop, bits.z >> drop);
             const auto [bin, is_new] = bins.try_emplace(key, static_cast<int>(out.types.size()));
             if (is_new)
-                out.types.push_back({warp, tint, format_text("%s #%02x%02x%02x", warp ? "warp" : "weft",
-                                     static_cast<unsigned>(bits.x), static_cast<unsigned>(bits.y), static_cast<unsigned>(bits.z))});
+                out.types.push_back(
+                    {warp, tint,
+                     format_text("%s #%02x%02x%02x", warp ? "warp" : "weft", static_cast<unsigned>(bits.x),
+                                 static_cast<unsigned>(bits.y), static_cast<unsigned>(bits.z))});
             return bin->second;
         };
-        for (const DraftThread& end : draft.ends)
-            out.end_type.push_back(place(end, true));
-        for (const DraftThread& pick : draft.picks)
-            out.pick_type.push_back(place(pick, false));
+        for (const DraftThread& end : draft.ends) out.end_type.push_back(place(end, true));
+        for (const DraftThread& pick : draft.picks) out.pick_type.push_back(place(pick, false));
         if (static_cast<int>(out.types.size()) <= yarn_type_limit) {
             if (drop > 0)
-                out.warning = format_text("more than %d yarn colours: merged to %zu", yarn_type_limit, out.types.size());
+                out.warning =
+                    format_text("more than %d yarn colours: merged to %zu", yarn_type_limit, out.types.size());
             return out;
         }
     }
@@ -195,8 +202,7 @@ VisibilityKind parse_visibility(const std::string& word)
 {
     std::string list;
     for (const auto& row : visibility_names) {
-        if (word == row.name)
-            return row.kind;
+        if (word == row.name) return row.kind;
         list += (list.empty() ? "" : ", ") + std::string(row.name);
     }
     throw UsageError("visibility %s, expected one of %s", word.c_str(), list.c_str());
@@ -205,8 +211,7 @@ VisibilityKind parse_visibility(const std::string& word)
 const char* visibility_name(VisibilityKind kind)
 {
     for (const auto& row : visibility_names)
-        if (row.kind == kind)
-            return row.name;
+        if (row.kind == kind) return row.name;
     return "?";
 }
 

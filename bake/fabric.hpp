@@ -11,33 +11,34 @@
 #include "json.hpp"
 #include "pack.hpp"
 
-namespace selvedge {
+namespace selvedge
+{
 
 // Everything about the warp's or the weft's yarns. Defaults are a medium cotton. Ranges: params.hpp.
 struct YarnSpec {
     // geometry: changes ask for a bake
-    float spacing_m = 0.0005f;   // mean distance of neighbouring yarn axes
-    float width_m = 0.00045f;    // mean width of the yarns
-    float aspect = 0.6f;         // height over width of the section
+    float spacing_m = 0.0005f; // mean distance of neighbouring yarn axes
+    float width_m = 0.00045f;  // mean width of the yarns
+    float aspect = 0.6f;       // height over width of the section
     int plies = 2;
-    float ply_twist_deg = 25;    // plies to yarn axis, Z positive
-    std::optional<float> crimp;  // share of the crimp that these yarns take, [0, 1]; both absent: half each
+    float ply_twist_deg = 25;   // plies to yarn axis, Z positive
+    std::optional<float> crimp; // share of the crimp that these yarns take, [0, 1]; both absent: half each
     // shading: changes ask for nothing but shade_yarns()
-    float fibre_twist_deg = -15; // fibres to ply axis
-    glm::vec3 albedo{0.6f};      // of the fibres, reflection lobe
+    float fibre_twist_deg = -15;                   // fibres to ply axis
+    glm::vec3 albedo{0.6f};                        // of the fibres, reflection lobe
     std::optional<glm::vec3> albedo_transmission;  // absent: albedo
     std::optional<glm::vec3> diffuse;              // both absent: from the slab's own multiple scattering, math.md 9.2;
     std::optional<glm::vec3> diffuse_transmission; // one absent of the two: that one is 0
     float roughness = 0.3f;
-    std::optional<float> roughness_transmission;   // absent: roughness
-    float thickness = 2.0f;      // optical thickness
-    float diffuse_mix = 1.0f;    // w of math.md 4.1
+    std::optional<float> roughness_transmission; // absent: roughness
+    float thickness = 2.0f;                      // optical thickness
+    float diffuse_mix = 1.0f;                    // w of math.md 4.1
 };
 
 struct Fabric {
     std::string name;
-    std::string path;            // of the JSON or WIF file; empty when made in memory
-    std::string pattern;         // "twill 2/2", or the WIF's path
+    std::string path;    // of the JSON or WIF file; empty when made in memory
+    std::string pattern; // "twill 2/2", or the WIF's path
     // Its spacings and thicknesses count as proportions: thread i has spacing_m * draft spacing i / their mean.
     Draft draft;
     YarnSpec warp, weft;

@@ -15,9 +15,11 @@
 
 #include "error.hpp"
 
-namespace selvedge {
+namespace selvedge
+{
 
-namespace {
+namespace
+{
 
 constexpr int side_limit = 32768;
 constexpr std::int64_t pixel_limit = std::int64_t(1) << 28;
@@ -30,10 +32,8 @@ float linear_from_srgb(float v) // IEC 61966-2-1
 std::string one_line(std::string text)
 {
     for (char& c : text)
-        if (c == '\n' || c == '\r')
-            c = ' ';
-    while (!text.empty() && text.back() == ' ')
-        text.pop_back();
+        if (c == '\n' || c == '\r') c = ' ';
+    while (!text.empty() && text.back() == ' ') text.pop_back();
     return text;
 }
 
@@ -41,13 +41,32 @@ void require_regular_file(const std::string& path)
 {
     std::error_code error;
     const auto status = std::filesystem::status(path, error);
-    if (!std::filesystem::exists(status))
-        throw InputError(path, 0, "no such file");
-    if (std::filesystem::is_directory(status))
-        throw InputError(path, 0, "is a folder, expected a file");
+    if (!std::filesystem::exists(status)) throw InputError(path, 0, "no such file");
+    if (std::filesystem::is_directory(status)) throw InputError(path, 0, "is a folder, expected a file");
 }
 
-std::string beside(const std::string& path) { return path + ".tmp-" + std::to_string(::getpid()); }
+// The PNG library prints its own complaint about a cut file, the JPEG library fills it up with grey: looked at here.
+void refuse_cut_file(const std::string& path)
+{
+    std::FILE* file = std::fopen(path.c_str(), "rb");
+    if (!file) throw InputError(path, 0, "cannot be read: %s", std::strerror(errno));
+    char head[8] = {}, tail[4096];
+    const std::size_t head_size = std::fread(head, 1, sizeof head, file);
+    std::fseek(file, 0, SEEK_END);
+    const long size = std::ftell(file);
+    std::fseek(file, std::max(0L, size - static_cast<long>(sizeof tail)), SEEK_SET);
+    const std::string end(tail, std::fread(tail, 1, sizeof tail, file));
+    std::fclose(file);
+    const bool png = head_size == 8 && std::memcmp(head, "\x89PNG\r\n\x1a\n", 8) == 0;
+    const bool jpeg = head_size >= 3 && std::memcmp(head, "\xff\xd8\xff", 3) == 0;
+    if ((png && end.find("IEND") == std::string::npos) || (jpeg && end.find("\xff\xd9") == std::string::npos))
+        throw InputError(path, 0, "truncated picture: the end of the %s is missing", png ? "PNG" : "JPEG");
+}
+
+std::string beside(const std::string& path)
+{
+    return path + ".tmp-" + std::to_string(::getpid());
+}
 
 void rename_or_throw(const std::string& from, const std::string& to)
 {
@@ -75,8 +94,7 @@ void write_picture(const std::string& path, const char* format, const OIIO::Imag
     {
         // create() picks the format by extension; the temporary name has another one.
         auto output = OIIO::ImageOutput::create(format);
-        if (!output)
-            throw InputError(path, 0, "no writer for %s: %s", format, one_line(OIIO::geterror()).c_str());
+        if (!output) throw InputError(path, 0, "no writer for %s: %s", format, one_line(OIIO::geterror()).c_str());
         if (!output->open(temporary, spec) || !output->write_image(type, pixels) || !output->close()) {
             const std::string reason = one_line(output->geterror());
             output.reset();
@@ -103,6 +121,7 @@ int Image::channel(const std::string& name) const
 Image read_image(const std::string& path)
 {
     require_regular_file(path);
+    refuse_cut_file(path);
     auto input = OIIO::ImageInput::open(path);
     if (!input)
         throw InputError(path, 0, "%s, expected a picture (EXR, HDR, PNG, JPEG, TIFF)",
@@ -116,15 +135,13 @@ Image read_image(const std::string& path)
     Image image(spec.width, spec.height, spec.channelnames);
     if (!input->read_image(0, 0, 0, spec.nchannels, OIIO::TypeDesc::FLOAT, image.pixels.data()))
         throw InputError(path, 0, "truncated or damaged picture: %s", one_line(input->geterror()).c_str());
-    if (input->has_error())
-        throw InputError(path, 0, "damaged picture: %s", one_line(input->geterror()).c_str());
+    if (input->has_error()) throw InputError(path, 0, "damaged picture: %s", one_line(input->geterror()).c_str());
 
     if (!spec.format.is_floating_point()) {
         const int alpha = spec.alpha_channel;
         const std::size_t count = image.channels.size();
         for (std::size_t i = 0; i < image.pixels.size(); ++i)
-            if (static_cast<int>(i % count) != alpha)
-                image.pixels[i] = linear_from_srgb(image.pixels[i]);
+            if (static_cast<int>(i % count) != alpha) image.pixels[i] = linear_from_srgb(image.pixels[i]);
     }
     for (const auto& attribute : spec.extra_attribs)
         if (attribute.type() == OIIO::TypeDesc::STRING)
@@ -141,10 +158,8 @@ void write_exr(const std::string& path, const Image& image, const ImageMetadata&
     spec.attribute("compression", "zip");
     spec.attribute("oiio:ColorSpace", "Linear");
     ImageMetadata all = image.metadata;
-    for (const auto& [key, value] : metadata)
-        all[key] = value;
-    for (const auto& [key, value] : all)
-        spec.attribute(key, value);
+    for (const auto& [key, value] : metadata) all[key] = value;
+    for (const auto& [key, value] : all) spec.attribute(key, value);
     write_picture(path, "exr", spec, OIIO::TypeDesc::FLOAT, image.pixels.data());
 }
 
@@ -164,8 +179,7 @@ void write_png(const std::string& path, const Image& image)
             }
     OIIO::ImageSpec spec(image.width, image.height, count, OIIO::TypeDesc::UINT8);
     spec.attribute("oiio:ColorSpace", "sRGB");
-    for (const auto& [key, value] : image.metadata)
-        spec.attribute(key, value);
+    for (const auto& [key, value] : image.metadata) spec.attribute(key, value);
     write_picture(path, "png", spec, OIIO::TypeDesc::UINT8, bytes.data());
 }
 
@@ -174,8 +188,7 @@ void write_file(const std::string& path, const void* bytes, std::size_t size)
     require_folder_of(path);
     const std::string temporary = beside(path);
     std::FILE* file = std::fopen(temporary.c_str(), "wb");
-    if (!file)
-        throw InputError(path, 0, "cannot be written: %s", std::strerror(errno));
+    if (!file) throw InputError(path, 0, "cannot be written: %s", std::strerror(errno));
     const bool written = std::fwrite(bytes, 1, size, file) == size;
     const bool closed = std::fclose(file) == 0;
     if (!written || !closed) {
@@ -195,19 +208,15 @@ std::string read_file(const std::string& path, std::size_t limit)
 {
     require_regular_file(path);
     std::FILE* file = std::fopen(path.c_str(), "rb");
-    if (!file)
-        throw InputError(path, 0, "cannot be read: %s", std::strerror(errno));
+    if (!file) throw InputError(path, 0, "cannot be read: %s", std::strerror(errno));
     std::string bytes;
     char block[1 << 16];
     std::size_t got = 0;
-    while ((got = std::fread(block, 1, sizeof block, file)) > 0 && bytes.size() <= limit)
-        bytes.append(block, got);
+    while ((got = std::fread(block, 1, sizeof block, file)) > 0 && bytes.size() <= limit) bytes.append(block, got);
     const bool failed = std::ferror(file) != 0;
     std::fclose(file);
-    if (failed)
-        throw InputError(path, 0, "cannot be read: %s", std::strerror(errno));
-    if (bytes.size() > limit)
-        throw InputError(path, 0, "file of more than %zu bytes, expected less", limit);
+    if (failed) throw InputError(path, 0, "cannot be read: %s", std::strerror(errno));
+    if (bytes.size() > limit) throw InputError(path, 0, "file of more than %zu bytes, expected less", limit);
     return bytes;
 }
 

@@ -5,13 +5,14 @@
 #include <string>
 #include <vector>
 
-namespace selvedge {
+namespace selvedge
+{
 
 // A picture: float channels, scene-linear Rec.709 where the channels are colours. Row 0 is the TOP row.
 struct Image {
     int width = 0, height = 0;
-    std::vector<std::string> channels; // "R", "G", "B", "A", "variance.R", ... in storage order
-    std::vector<float> pixels;         // width * height * channels, channel fastest, then x, then y
+    std::vector<std::string> channels;           // "R", "G", "B", "A", "variance.R", ... in storage order
+    std::vector<float> pixels;                   // width * height * channels, channel fastest, then x, then y
     std::map<std::string, std::string> metadata; // text attributes of the file, as read
 
     Image() = default;
@@ -22,7 +23,7 @@ struct Image {
     float* at(int x, int y) { return pixels.data() + offset(x, y); }
     const float* at(int x, int y) const { return pixels.data() + offset(x, y); }
 
-private:
+  private:
     std::size_t offset(int x, int y) const
     {
         return (static_cast<std::size_t>(y) * static_cast<std::size_t>(width) + static_cast<std::size_t>(x)) *

@@ -10,9 +10,11 @@
 #include "error.hpp"
 #include "image.hpp"
 
-namespace selvedge {
+namespace selvedge
+{
 
-namespace {
+namespace
+{
 
 using nlohmann::json;
 
@@ -25,8 +27,9 @@ struct Position {
 };
 
 // Feeds the parser and counts the lines that it has consumed.
-class CountingIterator {
-public:
+class CountingIterator
+{
+  public:
     using iterator_category = std::input_iterator_tag;
     using value_type = char;
     using difference_type = std::ptrdiff_t;
@@ -51,7 +54,7 @@ public:
     bool operator==(const CountingIterator& other) const { return at_ == other.at_; }
     bool operator!=(const CountingIterator& other) const { return at_ != other.at_; }
 
-private:
+  private:
     const char* at_;
     Position* position_;
 };
@@ -59,13 +62,13 @@ private:
 std::string escaped(const std::string& key) // RFC 6901
 {
     std::string out;
-    for (const char c : key)
-        out += c == '~' ? "~0" : c == '/' ? "~1" : std::string(1, c);
+    for (const char c : key) out += c == '~' ? "~0" : c == '/' ? "~1" : std::string(1, c);
     return out;
 }
 
-class LineHandler : public nlohmann::json_sax<json> {
-public:
+class LineHandler : public nlohmann::json_sax<json>
+{
+  public:
     LineHandler(JsonDocument& document, const Position& position) : document_(document), position_(position) {}
 
     bool null() override { return put(nullptr, false); }
@@ -93,13 +96,12 @@ public:
     {
         std::string text = error.what();
         if (const auto at = text.find("parse error"); at != std::string::npos)
-            if (const auto colon = text.find(": ", at); colon != std::string::npos)
-                text = text.substr(colon + 2);
+            if (const auto colon = text.find(": ", at); colon != std::string::npos) text = text.substr(colon + 2);
         const int line = position_.line - (position_.last == '\n' && token.find('\n') == std::string::npos ? 1 : 0);
         throw InputError(document_.path, std::max(line, 1), "broken JSON: %s", text.c_str());
     }
 
-private:
+  private:
     struct Level {
         json* node;
         std::string pointer;
@@ -138,7 +140,8 @@ private:
     bool open(json value)
     {
         if (stack_.size() >= depth_limit)
-            throw InputError(document_.path, position_.line, "nested deeper than %zu levels, expected less", depth_limit);
+            throw InputError(document_.path, position_.line, "nested deeper than %zu levels, expected less",
+                             depth_limit);
         std::string pointer;
         json* place = add(std::move(value), false, pointer);
         stack_.push_back({place, pointer});
@@ -161,19 +164,24 @@ private:
 const char* kind(const json& node)
 {
     switch (node.type()) {
-    case json::value_t::object: return "an object";
-    case json::value_t::array: return "an array";
-    case json::value_t::string: return "text";
-    case json::value_t::boolean: return "true or false";
-    case json::value_t::null: return "null";
-    default: return "a number";
+    case json::value_t::object:
+        return "an object";
+    case json::value_t::array:
+        return "an array";
+    case json::value_t::string:
+        return "text";
+    case json::value_t::boolean:
+        return "true or false";
+    case json::value_t::null:
+        return "null";
+    default:
+        return "a number";
     }
 }
 
 std::string shown(const json& node)
 {
-    if (node.is_structured())
-        return kind(node);
+    if (node.is_structured()) return kind(node);
     std::string text = node.dump(-1, ' ', false, json::error_handler_t::replace);
     return text.size() <= 60 ? text : text.substr(0, 57) + "...";
 }
@@ -182,44 +190,38 @@ std::string shown(const json& node)
 void forget_lines(JsonDocument& document, const std::string& pointer)
 {
     for (auto& [place, line] : document.lines)
-        if (place == pointer || place.rfind(pointer + "/", 0) == 0)
-            line = 0;
+        if (place == pointer || place.rfind(pointer + "/", 0) == 0) line = 0;
     document.lines[pointer] = 0;
 }
 
 void apply_override(JsonDocument& document, const std::string& text)
 {
     const auto equals = text.find('=');
-    if (equals == std::string::npos || equals == 0)
-        throw UsageError("-D %s: expected path.to.key=value", text.c_str());
+    if (equals == std::string::npos || equals == 0) throw UsageError("-D %s: expected path.to.key=value", text.c_str());
     json value = json::parse(text.substr(equals + 1), nullptr, false);
-    if (value.is_discarded())
-        value = text.substr(equals + 1);
+    if (value.is_discarded()) value = text.substr(equals + 1);
 
     json* node = &document.root;
     std::string pointer, path = text.substr(0, equals) + ".";
     std::size_t depth = 0;
     for (std::size_t from = 0, dot = 0; (dot = path.find('.', from)) != std::string::npos; from = dot + 1) {
         const std::string key = path.substr(from, dot - from);
-        if (key.empty() || ++depth > depth_limit)
-            throw UsageError("-D %s: expected path.to.key=value", text.c_str());
+        if (key.empty() || ++depth > depth_limit) throw UsageError("-D %s: expected path.to.key=value", text.c_str());
         if (node->is_array()) {
             std::size_t index = node->size();
-            if (key.size() < 9 && key.find_first_not_of("0123456789") == std::string::npos)
-                index = std::stoul(key);
+            if (key.size() < 9 && key.find_first_not_of("0123456789") == std::string::npos) index = std::stoul(key);
             if (index >= node->size())
                 throw UsageError("-D %s: %s is not one of the %zu elements", text.c_str(), key.c_str(), node->size());
             node = &(*node)[index];
         } else {
-            if (node->is_null())
-                *node = json::object();
+            if (node->is_null()) *node = json::object();
             if (!node->is_object())
-                throw UsageError("-D %s: %s lies inside %s, expected an object", text.c_str(), key.c_str(), kind(*node));
+                throw UsageError("-D %s: %s lies inside %s, expected an object", text.c_str(), key.c_str(),
+                                 kind(*node));
             node = &(*node)[key];
         }
         (pointer += '/') += escaped(key);
-        if (!document.lines.count(pointer))
-            document.lines[pointer] = 0;
+        if (!document.lines.count(pointer)) document.lines[pointer] = 0;
     }
     *node = std::move(value);
     forget_lines(document, pointer);
@@ -229,8 +231,7 @@ void apply_override(JsonDocument& document, const std::string& text)
 std::size_t distance(const std::string& a, const std::string& b)
 {
     std::vector<std::size_t> row(b.size() + 1);
-    for (std::size_t j = 0; j <= b.size(); ++j)
-        row[j] = j;
+    for (std::size_t j = 0; j <= b.size(); ++j) row[j] = j;
     for (std::size_t i = 1; i <= a.size(); ++i) {
         std::size_t diagonal = row[0];
         row[0] = i;
@@ -256,8 +257,7 @@ JsonValue JsonValue::parse(const std::string& text, const std::string& name, con
     if (!json::sax_parse(CountingIterator(text.data() + bom, &position), CountingIterator(end, &position), &handler,
                          json::input_format_t::json, true, true))
         throw InputError(name, position.line, "broken JSON");
-    for (const std::string& override : overrides)
-        apply_override(*document, override);
+    for (const std::string& override : overrides) apply_override(*document, override);
     JsonValue value;
     value.node = &document->root;
     value.document = std::move(document);
@@ -276,10 +276,8 @@ bool JsonValue::has(const char* key) const
 
 JsonValue JsonValue::operator[](const char* key) const
 {
-    if (!node->is_object())
-        fail("found %s, expected an object", shown(*node).c_str());
-    if (!has(key))
-        fail("\"%s\" is missing, expected it here", key);
+    if (!node->is_object()) fail("found %s, expected an object", shown(*node).c_str());
+    if (!has(key)) fail("\"%s\" is missing, expected it here", key);
     JsonValue value = *this;
     value.node = &(*node)[key];
     (value.pointer += '/') += escaped(key);
@@ -288,10 +286,8 @@ JsonValue JsonValue::operator[](const char* key) const
 
 JsonValue JsonValue::operator[](std::size_t index) const
 {
-    if (!node->is_array())
-        fail("found %s, expected an array", shown(*node).c_str());
-    if (index >= node->size())
-        fail("found %zu elements, expected at least %zu", node->size(), index + 1);
+    if (!node->is_array()) fail("found %s, expected an array", shown(*node).c_str());
+    if (index >= node->size()) fail("found %zu elements, expected at least %zu", node->size(), index + 1);
     JsonValue value = *this;
     value.node = &(*node)[index];
     (value.pointer += '/') += std::to_string(index);
@@ -300,18 +296,15 @@ JsonValue JsonValue::operator[](std::size_t index) const
 
 std::vector<JsonValue> JsonValue::elements() const
 {
-    if (!node->is_array())
-        return {*this};
+    if (!node->is_array()) return {*this};
     std::vector<JsonValue> values;
-    for (std::size_t i = 0; i < node->size(); ++i)
-        values.push_back((*this)[i]);
+    for (std::size_t i = 0; i < node->size(); ++i) values.push_back((*this)[i]);
     return values;
 }
 
 double JsonValue::number(double low, double high) const
 {
-    if (!node->is_number())
-        fail("found %s, expected a number from %g to %g", shown(*node).c_str(), low, high);
+    if (!node->is_number()) fail("found %s, expected a number from %g to %g", shown(*node).c_str(), low, high);
     const double value = node->get<double>();
     if (!(value >= low && value <= high))
         fail("found %s, expected a number from %g to %g", shown(*node).c_str(), low, high);
@@ -328,15 +321,13 @@ int JsonValue::integer(int low, int high) const
 
 bool JsonValue::boolean() const
 {
-    if (!node->is_boolean())
-        fail("found %s, expected true or false", shown(*node).c_str());
+    if (!node->is_boolean()) fail("found %s, expected true or false", shown(*node).c_str());
     return node->get<bool>();
 }
 
 std::string JsonValue::text() const
 {
-    if (!node->is_string())
-        fail("found %s, expected text", shown(*node).c_str());
+    if (!node->is_string()) fail("found %s, expected text", shown(*node).c_str());
     return node->get<std::string>();
 }
 
@@ -344,8 +335,7 @@ std::string JsonValue::choice(std::initializer_list<const char*> words) const
 {
     std::string list;
     for (const char* word : words) {
-        if (node->is_string() && node->get<std::string>() == word)
-            return word;
+        if (node->is_string() && node->get<std::string>() == word) return word;
         list += list.empty() ? "" : ", ";
         list += word;
     }
@@ -354,18 +344,15 @@ std::string JsonValue::choice(std::initializer_list<const char*> words) const
 
 glm::vec3 JsonValue::vector3(double low, double high) const
 {
-    if (!node->is_array() || node->size() != 3)
-        fail("found %s, expected 3 numbers in brackets", shown(*node).c_str());
+    if (!node->is_array() || node->size() != 3) fail("found %s, expected 3 numbers in brackets", shown(*node).c_str());
     glm::vec3 value;
-    for (int i = 0; i < 3; ++i)
-        value[i] = static_cast<float>((*this)[static_cast<std::size_t>(i)].number(low, high));
+    for (int i = 0; i < 3; ++i) value[i] = static_cast<float>((*this)[static_cast<std::size_t>(i)].number(low, high));
     return value;
 }
 
 glm::vec2 JsonValue::vector2(double low, double high) const
 {
-    if (!node->is_array() || node->size() != 2)
-        fail("found %s, expected 2 numbers in brackets", shown(*node).c_str());
+    if (!node->is_array() || node->size() != 2) fail("found %s, expected 2 numbers in brackets", shown(*node).c_str());
     return {static_cast<float>((*this)[std::size_t(0)].number(low, high)),
             static_cast<float>((*this)[std::size_t(1)].number(low, high))};
 }
@@ -380,7 +367,10 @@ glm::vec2 JsonValue::number_or_vector2(double low, double high) const
     return node->is_array() ? vector2(low, high) : glm::vec2(static_cast<float>(number(low, high)));
 }
 
-std::string JsonValue::file() const { return path_beside(document->path, text()); }
+std::string JsonValue::file() const
+{
+    return path_beside(document->path, text());
+}
 
 double JsonValue::number(const char* key, double otherwise, double low, double high) const
 {
@@ -392,7 +382,10 @@ int JsonValue::integer(const char* key, int otherwise, int low, int high) const
     return has(key) ? (*this)[key].integer(low, high) : otherwise;
 }
 
-bool JsonValue::boolean(const char* key, bool otherwise) const { return has(key) ? (*this)[key].boolean() : otherwise; }
+bool JsonValue::boolean(const char* key, bool otherwise) const
+{
+    return has(key) ? (*this)[key].boolean() : otherwise;
+}
 
 std::string JsonValue::text(const char* key, const std::string& otherwise) const
 {
@@ -406,11 +399,9 @@ glm::vec3 JsonValue::vector3(const char* key, glm::vec3 otherwise, double low, d
 
 void JsonValue::expect_object(std::initializer_list<const char*> keys) const
 {
-    if (!node->is_object())
-        fail("found %s, expected an object", shown(*node).c_str());
+    if (!node->is_object()) fail("found %s, expected an object", shown(*node).c_str());
     for (const auto& [key, value] : node->items()) {
-        if (std::find(keys.begin(), keys.end(), key) != keys.end())
-            continue;
+        if (std::find(keys.begin(), keys.end(), key) != keys.end()) continue;
         const char* nearest = nullptr;
         std::size_t best = 1 + key.size() / 2;
         for (const char* known : keys)
@@ -419,11 +410,9 @@ void JsonValue::expect_object(std::initializer_list<const char*> keys) const
                 nearest = known;
             }
         const JsonValue culprit = (*node)[key].is_null() ? *this : (*this)[key.c_str()];
-        if (nearest)
-            culprit.fail("unknown key \"%s\", expected \"%s\"", key.c_str(), nearest);
+        if (nearest) culprit.fail("unknown key \"%s\", expected \"%s\"", key.c_str(), nearest);
         std::string list;
-        for (const char* known : keys)
-            list += (list.empty() ? "" : ", ") + std::string(known);
+        for (const char* known : keys) list += (list.empty() ? "" : ", ") + std::string(known);
         culprit.fail("unknown key \"%s\", expected one of %s", key.c_str(), list.c_str());
     }
 }
@@ -437,8 +426,7 @@ int JsonValue::line() const
 std::string JsonValue::key() const
 {
     std::string out;
-    for (std::size_t i = 1; i < pointer.size(); ++i)
-        out += pointer[i] == '/' ? '.' : pointer[i];
+    for (std::size_t i = 1; i < pointer.size(); ++i) out += pointer[i] == '/' ? '.' : pointer[i];
     return out;
 }
 

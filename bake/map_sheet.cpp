@@ -4,9 +4,11 @@
 #include <algorithm>
 #include <cmath>
 
-namespace selvedge {
+namespace selvedge
+{
 
-namespace {
+namespace
+{
 
 constexpr float pi = 3.14159265358979f;
 constexpr int margin = 6;
@@ -21,7 +23,10 @@ glm::vec3 hue(float turns) // fully saturated, turns in [0, 1)
     return {channel(0), channel(2.0f / 3), channel(1.0f / 3)};
 }
 
-glm::vec3 display(glm::vec3 linear) { return glm::pow(glm::clamp(linear, 0.0f, 1.0f), glm::vec3(1 / 2.2f)); }
+glm::vec3 display(glm::vec3 linear)
+{
+    return glm::pow(glm::clamp(linear, 0.0f, 1.0f), glm::vec3(1 / 2.2f));
+}
 
 std::size_t texel_index(const PackedFabric& fabric, int x, int y)
 {
@@ -31,7 +36,8 @@ std::size_t texel_index(const PackedFabric& fabric, int x, int y)
 // s of the 8 knots of the block that holds a texel.
 void knots_at(const PackedFabric& fabric, int side, int x, int y, float knots[8])
 {
-    const std::size_t block = static_cast<std::size_t>(y / 2) * static_cast<std::size_t>(fabric.size.x / 2) + static_cast<std::size_t>(x / 2);
+    const std::size_t block =
+        static_cast<std::size_t>(y / 2) * static_cast<std::size_t>(fabric.size.x / 2) + static_cast<std::size_t>(x / 2);
     unpack_knots(fabric.side[side].horizons[block], knots);
 }
 
@@ -43,8 +49,7 @@ glm::vec3 panel_colour(const PackedFabric& fabric, int side, int panel, int x, i
     const Texel texel = unpack_texel(fabric.side[side].texels[i]);
     switch (panel) {
     case 0: { // what the yarn reflects at most, so that drafts look like their colours
-        if (texel.gap)
-            return {1, 0, 1};
+        if (texel.gap) return {1, 0, 1};
         const auto& yarn = fabric.yarns[static_cast<std::size_t>(texel.yarn)];
         return display(glm::min(yarn.albedo_r + yarn.diffuse_r, glm::vec3(1)) * (0.25f + 0.75f * texel.irradiance));
     }
@@ -52,20 +57,24 @@ glm::vec3 panel_colour(const PackedFabric& fabric, int side, int panel, int x, i
         const glm::vec3 n = glm::normalize(glm::vec3(-texel.slope, 1));
         return n * 0.5f + 0.5f;
     }
-    case 2: return texel.gap ? glm::vec3(0) : hue(texel.azimuth / pi);
+    case 2:
+        return texel.gap ? glm::vec3(0) : hue(texel.azimuth / pi);
     case 3: {
         const float low = side == 0 ? fabric.height_range_m.x : -fabric.height_range_m.y;
-        const float reach = std::max({std::abs(low), std::abs(fabric.height_range_m.x), std::abs(fabric.height_range_m.y), 1e-9f});
-        return texel.gap ? glm::vec3(0.3f, 0, 0.3f) : glm::vec3(std::clamp(fabric.side[side].heights_m[i] / reach * 0.5f + 0.5f, 0.0f, 1.0f));
+        const float reach =
+            std::max({std::abs(low), std::abs(fabric.height_range_m.x), std::abs(fabric.height_range_m.y), 1e-9f});
+        return texel.gap ? glm::vec3(0.3f, 0, 0.3f)
+                         : glm::vec3(std::clamp(fabric.side[side].heights_m[i] / reach * 0.5f + 0.5f, 0.0f, 1.0f));
     }
-    case 4: return glm::vec3(texel.irradiance);
+    case 4:
+        return glm::vec3(texel.irradiance);
     default: {
         float knots[8], sum = 0;
         knots_at(fabric, side, x, y, knots);
-        for (const float s : knots)
-            sum += s / 8;
+        for (const float s : knots) sum += s / 8;
         // Two opposite directions against each other: side light shows as red or blue.
-        return glm::clamp(glm::vec3(1 - sum) + glm::vec3(knots[4] - knots[0], 0, knots[0] - knots[4]) * 0.5f, 0.0f, 1.0f);
+        return glm::clamp(glm::vec3(1 - sum) + glm::vec3(knots[4] - knots[0], 0, knots[0] - knots[4]) * 0.5f, 0.0f,
+                          1.0f);
     }
     }
 }
@@ -87,10 +96,11 @@ Image draw_map_sheet(const PackedFabric& fabric)
                     glm::vec3 colour(0);
                     for (int dy = 0; dy < reduce; ++dy)
                         for (int dx = 0; dx < reduce; ++dx)
-                            colour += panel_colour(fabric, side, panel, tx + dx, ty + dy) / static_cast<float>(reduce * reduce);
-                    float* pixel = sheet.at(margin + panel * (w + margin) + x, margin + side * (h + margin) + h - 1 - y);
-                    for (int c = 0; c < 3; ++c)
-                        pixel[c] = colour[c];
+                            colour += panel_colour(fabric, side, panel, tx + dx, ty + dy) /
+                                      static_cast<float>(reduce * reduce);
+                    float* pixel =
+                        sheet.at(margin + panel * (w + margin) + x, margin + side * (h + margin) + h - 1 - y);
+                    for (int c = 0; c < 3; ++c) pixel[c] = colour[c];
                 }
     return sheet;
 }
@@ -101,8 +111,7 @@ Image map_layers(const PackedFabric& fabric)
     for (const char* side : {"front", "back"}) {
         for (const char* layer : {"height", "slope.x", "slope.y", "azimuth", "yarn", "gap", "irradiance"})
             names.push_back(std::string(side) + "." + layer);
-        for (int k = 0; k < 8; ++k)
-            names.push_back(std::string(side) + ".horizon" + std::to_string(k));
+        for (int k = 0; k < 8; ++k) names.push_back(std::string(side) + ".horizon" + std::to_string(k));
     }
     Image image(fabric.size.x, fabric.size.y, names);
     for (int y = 0; y < fabric.size.y; ++y)

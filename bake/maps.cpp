@@ -11,13 +11,15 @@
 
 #include "pack.hpp"
 
-namespace selvedge {
+namespace selvedge
+{
 
-namespace {
+namespace
+{
 
 constexpr float pi = 3.14159265358979f;
-constexpr int band_rows = 8; // texel rows that one task projects
-constexpr float no_limit_m = 1.0f;  // higher than any cloth
+constexpr int band_rows = 8;               // texel rows that one task projects
+constexpr float no_limit_m = 1.0f;         // higher than any cloth
 constexpr float trusted_correction = 0.2f; // radii by which a smooth tube may differ from its chord
 constexpr std::uint32_t no_segment = ~std::uint32_t(0);
 
@@ -29,10 +31,10 @@ int wrapped(int i, int n)
 
 // All points of all tubes in the space where the sections are round (z over aspect).
 struct Segments {
-    std::vector<glm::vec4> point;       // xyz, w radius; point i and i + 1 are a segment unless `last` is set for i
-    std::vector<glm::vec3> mitre;       // unit normal of the plane in which the segments before and after i meet
-    std::vector<std::uint8_t> last;     // the tube ends here
-    std::vector<float> aspect;          // of the tube
+    std::vector<glm::vec4> point;   // xyz, w radius; point i and i + 1 are a segment unless `last` is set for i
+    std::vector<glm::vec3> mitre;   // unit normal of the plane in which the segments before and after i meet
+    std::vector<std::uint8_t> last; // the tube ends here
+    std::vector<float> aspect;      // of the tube
     std::vector<std::uint8_t> yarn;
 
     explicit Segments(const PlyModel& model)
@@ -66,7 +68,8 @@ Bounds bounds_of(const Segments& segments, std::size_t i)
         const glm::vec3 m = segments.mitre[end];
         const glm::vec2 centre(segments.point[end]);
         // 1.1: the mitre's ellipse is larger than the section where the tube bends
-        const glm::vec2 reach = 1.1f * segments.point[end].w * glm::sqrt(glm::max(1.0f - glm::vec2(m) * glm::vec2(m), 0.0f));
+        const glm::vec2 reach =
+            1.1f * segments.point[end].w * glm::sqrt(glm::max(1.0f - glm::vec2(m) * glm::vec2(m), 0.0f));
         bounds.low = glm::min(bounds.low, centre - reach);
         bounds.high = glm::max(bounds.high, centre + reach);
     }
@@ -90,14 +93,12 @@ Bins bin_segments(const Segments& segments, float tile_height, float row_m, int 
     bins.start.assign(static_cast<std::size_t>(bands) + 1, 0);
     const auto visit = [&](auto&& put) {
         for (std::size_t i = 0; i + 1 < segments.point.size(); ++i) {
-            if (segments.last[i])
-                continue;
+            if (segments.last[i]) continue;
             const Bounds b = bounds_of(segments, i);
             for (int shift = -1; shift <= 1; ++shift) {
                 const float offset = static_cast<float>(shift) * tile_height;
                 const float low = std::floor((b.low.y + offset) / row_m), high = std::ceil((b.high.y + offset) / row_m);
-                if (high < 0 || low > static_cast<float>(rows))
-                    continue;
+                if (high < 0 || low > static_cast<float>(rows)) continue;
                 const int first = std::max(0, static_cast<int>(low)) / rows_per_band;
                 const int final = std::min(rows - 1, static_cast<int>(high)) / rows_per_band;
                 for (int band = first; band <= final; ++band)
@@ -106,8 +107,7 @@ Bins bin_segments(const Segments& segments, float tile_height, float row_m, int 
         }
     };
     visit([&](std::size_t band, Bins::Item) { ++bins.start[band + 1]; });
-    for (std::size_t band = 0; band < static_cast<std::size_t>(bands); ++band)
-        bins.start[band + 1] += bins.start[band];
+    for (std::size_t band = 0; band < static_cast<std::size_t>(bands); ++band) bins.start[band + 1] += bins.start[band];
     bins.items.resize(bins.start.back());
     std::vector<std::size_t> at(bins.start.begin(), bins.start.end() - 1);
     visit([&](std::size_t band, Bins::Item item) { bins.items[at[band]++] = item; });
@@ -117,9 +117,9 @@ Bins bin_segments(const Segments& segments, float tile_height, float row_m, int 
 // z-buffers of a band of sample rows, both sides.
 struct Band {
     int columns = 0, first_row = 0, rows = 0;
-    std::vector<float> z[2];                  // front: highest; back: lowest, negated
-    std::vector<std::uint32_t> segment[2];    // no_segment in gaps
-    std::vector<glm::vec2> way[2];            // of the ply's centre line there, in the plane; not unit
+    std::vector<float> z[2];               // front: highest; back: lowest, negated
+    std::vector<std::uint32_t> segment[2]; // no_segment in gaps
+    std::vector<glm::vec2> way[2];         // of the ply's centre line there, in the plane; not unit
 
     void reset(int width, int first, int count)
     {
@@ -133,7 +133,8 @@ struct Band {
     }
     std::size_t at(int column, int row) const
     {
-        return static_cast<std::size_t>(row - first_row) * static_cast<std::size_t>(columns) + static_cast<std::size_t>(column);
+        return static_cast<std::size_t>(row - first_row) * static_cast<std::size_t>(columns) +
+               static_cast<std::size_t>(column);
     }
 };
 
@@ -168,31 +169,29 @@ void rasterise(const Segments& segments, std::size_t i, float shift_m, glm::vec2
     const glm::vec3 d = chord / length;
     const float radius = 0.5f * (segments.point[i].w + segments.point[i + 1].w), aspect = segments.aspect[i];
     const glm::vec3 m0 = segments.mitre[i], m1 = segments.mitre[i + 1];
-    if (1 - d.z * d.z < 1e-6f)
-        return; // stands upright: seen as nothing but its neighbours' ends
+    if (1 - d.z * d.z < 1e-6f) return; // stands upright: seen as nothing but its neighbours' ends
     for (int row = row0; row <= row1; ++row) {
         const float qy = (static_cast<float>(row) + 0.5f) * step_m.y - shift_m - from.y;
         for (int column = column0; column <= column1; ++column) {
             const float qx = (static_cast<float>(column) + 0.5f) * step_m.x - from.x;
             const CylinderHit straight = hit_cylinder(qx, qy, d, radius);
-            if (!straight.hit)
-                continue;
+            if (!straight.hit) continue;
             const std::size_t cell = band.at(wrapped(column, band.columns), row);
             for (int side = 0; side < 2; ++side) {
                 float z = (side == 0 ? straight.h + straight.root : straight.h - straight.root) / straight.a;
                 // Between the planes: not before the first, before the second.
                 const float past = qx * m0.x + qy * m0.y + z * m0.z;
                 const float left = (chord.x - qx) * m1.x + (chord.y - qy) * m1.y + (chord.z - z) * m1.z;
-                if (past < 0 || left <= 0)
-                    continue;
+                if (past < 0 || left <= 0) continue;
                 const float t = past / (past + left), u = 1 - t;
                 const glm::vec3 way = glm::normalize(u * m0 + t * m1);
                 const glm::vec3 centre = t * t * (3 - 2 * t) * chord + length * t * u * (u * m0 - t * m1);
                 const CylinderHit smooth = hit_cylinder(qx - centre.x, qy - centre.y, way, radius);
-                const float smooth_z = centre.z + (side == 0 ? smooth.h + smooth.root : smooth.h - smooth.root) / smooth.a;
-                // Where a ply bends within its own radius the curve folds and the two have nothing to do with each other.
-                if (smooth.hit && std::abs(smooth_z - z) < trusted_correction * radius)
-                    z = smooth_z;
+                const float smooth_z =
+                    centre.z + (side == 0 ? smooth.h + smooth.root : smooth.h - smooth.root) / smooth.a;
+                // Where a ply bends within its own radius the curve folds and the two have nothing to do with each
+                // other.
+                if (smooth.hit && std::abs(smooth_z - z) < trusted_correction * radius) z = smooth_z;
                 const float height = (side == 0 ? 1.0f : -1.0f) * aspect * (z + from.z);
                 if (height > band.z[side][cell]) {
                     band.z[side][cell] = height;
@@ -207,7 +206,8 @@ void rasterise(const Segments& segments, std::size_t i, float shift_m, glm::vec2
 // One texel out of samples x samples rays.
 void filter_texel(const Segments& segments, const Band& band, int x, int y, int samples, FabricMaps& maps)
 {
-    const std::size_t texel = static_cast<std::size_t>(y) * static_cast<std::size_t>(maps.size.x) + static_cast<std::size_t>(x);
+    const std::size_t texel =
+        static_cast<std::size_t>(y) * static_cast<std::size_t>(maps.size.x) + static_cast<std::size_t>(x);
     const int x0 = x * samples, y0 = y * samples, total = samples * samples;
     bool gap = false;
     for (int side = 0; side < 2; ++side) {
@@ -222,24 +222,22 @@ void filter_texel(const Segments& segments, const Band& band, int x, int y, int 
             for (int column = x0; column < x0 + samples; ++column) {
                 const std::size_t cell = band.at(column, row);
                 const std::uint32_t s = segment[cell];
-                if (s == no_segment)
-                    continue;
+                if (s == no_segment) continue;
                 ++covered;
                 sum += band.z[side][cell];
                 int kind = 0;
-                while (kind < kinds && yarn[static_cast<std::size_t>(kind)] != segments.yarn[s])
-                    ++kind;
+                while (kind < kinds && yarn[static_cast<std::size_t>(kind)] != segments.yarn[s]) ++kind;
                 if (kind == kinds) {
                     yarn[static_cast<std::size_t>(kind)] = segments.yarn[s];
                     ++kinds;
                 }
                 const glm::vec2 way = band.way[side][cell];
                 const float length2 = std::max(glm::dot(way, way), 1e-30f);
-                doubled[static_cast<std::size_t>(kind)] += glm::vec2(way.x * way.x - way.y * way.y, 2 * way.x * way.y) / length2;
+                doubled[static_cast<std::size_t>(kind)] +=
+                    glm::vec2(way.x * way.x - way.y * way.y, 2 * way.x * way.y) / length2;
                 ++votes[static_cast<std::size_t>(kind)];
             }
-        if (side == 0)
-            gap = 2 * covered <= total;
+        if (side == 0) gap = 2 * covered <= total;
         maps.gap[texel] = gap ? 1 : 0;
         maps.side[side].height_m[texel] = gap ? 0.0f : sum / static_cast<float>(total);
         const auto best = static_cast<std::size_t>(std::max_element(votes.begin(), votes.end()) - votes.begin());
@@ -254,25 +252,25 @@ void filter_texel(const Segments& segments, const Band& band, int x, int y, int 
 void fill_gaps(FabricMaps& maps)
 {
     const int w = maps.size.x, h = maps.size.y;
-    const auto index = [&](int x, int y) { return static_cast<std::size_t>(y) * static_cast<std::size_t>(w) + static_cast<std::size_t>(x); };
+    const auto index = [&](int x, int y) {
+        return static_cast<std::size_t>(y) * static_cast<std::size_t>(w) + static_cast<std::size_t>(x);
+    };
     const glm::vec2 texel_m = maps.tile_m / glm::vec2(maps.size);
-    if (std::find(maps.gap.begin(), maps.gap.end(), 1) == maps.gap.end() || std::find(maps.gap.begin(), maps.gap.end(), 0) == maps.gap.end())
+    if (std::find(maps.gap.begin(), maps.gap.end(), 1) == maps.gap.end() ||
+        std::find(maps.gap.begin(), maps.gap.end(), 0) == maps.gap.end())
         return;
     constexpr int none = std::numeric_limits<int>::max();
     std::vector<glm::ivec2> seed(maps.gap.size(), glm::ivec2(none)), next; // offset to the source
     for (std::size_t i = 0; i < seed.size(); ++i)
-        if (!maps.gap[i])
-            seed[i] = glm::ivec2(0);
+        if (!maps.gap[i]) seed[i] = glm::ivec2(0);
     int jump = 1;
-    while (jump < std::max(w, h))
-        jump *= 2;
+    while (jump < std::max(w, h)) jump *= 2;
     for (; jump >= 1; jump /= 2) {
         next = seed;
         tbb::parallel_for(0, h, [&](int y) {
             for (int x = 0; x < w; ++x) {
                 const std::size_t here = index(x, y);
-                if (!maps.gap[here])
-                    continue;
+                if (!maps.gap[here]) continue;
                 const auto distance = [&](glm::ivec2 offset) {
                     const glm::vec2 m = glm::vec2(offset) * texel_m;
                     return glm::dot(m, m);
@@ -281,8 +279,7 @@ void fill_gaps(FabricMaps& maps)
                 for (int dy = -jump; dy <= jump; dy += jump)
                     for (int dx = -jump; dx <= jump; dx += jump) {
                         const glm::ivec2 theirs = seed[index(wrapped(x + dx, w), wrapped(y + dy, h))];
-                        if (theirs.x == none)
-                            continue;
+                        if (theirs.x == none) continue;
                         const glm::ivec2 offset = theirs + glm::ivec2(dx, dy);
                         if (const float d = distance(offset); d < best) {
                             best = d;
@@ -322,8 +319,7 @@ void spread_cones(std::vector<float>& f, glm::ivec2 size, glm::vec2 texel_m, flo
             for (int j = 0; j < size.y; ++j) {
                 const int y = way > 0 ? j : size.y - 1 - j;
                 const float* rows[3]; // this one and the two before it
-                for (int r = 0; r < 3; ++r)
-                    rows[r] = f.data() + std::ptrdiff_t(wrapped(y - way * r, size.y)) * size.x;
+                for (int r = 0; r < 3; ++r) rows[r] = f.data() + std::ptrdiff_t(wrapped(y - way * r, size.y)) * size.x;
                 float* here = f.data() + std::ptrdiff_t(y) * size.x;
                 for (int i = 0; i < size.x; ++i) {
                     const int x = way > 0 ? i : size.x - 1 - i;
@@ -337,8 +333,7 @@ void spread_cones(std::vector<float>& f, glm::ivec2 size, glm::vec2 texel_m, flo
                     here[x] = best;
                 }
             }
-        if (!changed)
-            break;
+        if (!changed) break;
     }
 }
 
@@ -362,8 +357,8 @@ std::vector<float> binomial_blur(const std::vector<float>& f, glm::ivec2 size)
 }
 
 // Yarns end in walls, and slopes are stored up to slope_limit: light and eye would miss the walls' area (E[A_p] of
-// math.md 6.2 falls to .88 at 60 deg). So the field itself is made no steeper: each wall becomes a ramp about its middle,
-// the mean of the steepest fields above and below it. Gaps stay at 0, so ramps to them lie on the yarn.
+// math.md 6.2 falls to .88 at 60 deg). So the field itself is made no steeper: each wall becomes a ramp about its
+// middle, the mean of the steepest fields above and below it. Gaps stay at 0, so ramps to them lie on the yarn.
 void limit_slopes(FabricMaps& maps, SideMaps& side)
 {
     const glm::vec2 texel_m = maps.tile_m / glm::vec2(maps.size);
@@ -376,18 +371,19 @@ void limit_slopes(FabricMaps& maps, SideMaps& side)
                          [&] { spread_cones(below, maps.size, texel_m, slope_limit); },
                          [&] { spread_cones(reach, maps.size, texel_m, slope_limit); });
     const std::vector<float> before = side.height_m;
-    for (std::size_t i = 0; i < above.size(); ++i)
-        above[i] = 0.5f * (above[i] - below[i]);
+    for (std::size_t i = 0; i < above.size(); ++i) above[i] = 0.5f * (above[i] - below[i]);
     // Cones from texels make ragged ramps: smoothed there, and only there.
     below = above;
+    std::vector<float> smooth_reach = reach;
     for (int pass = 0; pass < 2; ++pass) {
         below = binomial_blur(below, maps.size);
-        reach = binomial_blur(reach, maps.size);
+        smooth_reach = binomial_blur(smooth_reach, maps.size);
     }
     const float full = 0.25f * slope_limit * std::min(texel_m.x, texel_m.y);
     for (std::size_t i = 0; i < above.size(); ++i) {
         const float share = std::min(std::abs(above[i] - before[i]) / full, 1.0f);
-        side.height_m[i] = maps.gap[i] ? 0.0f : std::clamp(glm::mix(above[i], below[i], share), reach[i], -reach[i]);
+        const float limit = -std::max(reach[i], smooth_reach[i]);
+        side.height_m[i] = maps.gap[i] ? 0.0f : std::clamp(glm::mix(above[i], below[i], share), -limit, limit);
     }
 }
 
@@ -436,10 +432,10 @@ FabricMaps project_plies(const PlyModel& model, glm::ivec2 size, int samples)
         const int y0 = static_cast<int>(b) * band_rows, y1 = std::min(y0 + band_rows, size.y);
         band.reset(size.x * samples, y0 * samples, (y1 - y0) * samples);
         for (std::size_t k = bins.start[b]; k < bins.start[b + 1]; ++k)
-            rasterise(segments, bins.items[k].segment, static_cast<float>(bins.items[k].shift) * model.tile_m.y, step_m, band);
+            rasterise(segments, bins.items[k].segment, static_cast<float>(bins.items[k].shift) * model.tile_m.y, step_m,
+                      band);
         for (int y = y0; y < y1; ++y)
-            for (int x = 0; x < size.x; ++x)
-                filter_texel(segments, band, x, y, samples, maps);
+            for (int x = 0; x < size.x; ++x) filter_texel(segments, band, x, y, samples, maps);
     });
     fill_gaps(maps);
     for (SideMaps& side : maps.side) {
@@ -461,21 +457,22 @@ std::vector<glm::vec2> slope_mips(const std::vector<glm::vec2>& slope, glm::ivec
         std::vector<Tap> list;
         const double low = static_cast<double>(i) * from / to, high = static_cast<double>(i + 1) * from / to;
         for (int c = static_cast<int>(low); c < from && static_cast<double>(c) < high - 1e-9; ++c)
-            list.push_back({c, static_cast<float>((std::min(high, c + 1.0) - std::max(low, static_cast<double>(c))) / (high - low))});
+            list.push_back({c, static_cast<float>((std::min(high, c + 1.0) - std::max(low, static_cast<double>(c))) /
+                                                  (high - low))});
         return list;
     };
     for (int level = 1; level < slope_level_count(size); ++level) {
         const glm::ivec2 from = slope_level_size(size, level - 1), to = slope_level_size(size, level);
         std::vector<glm::vec2> here(static_cast<std::size_t>(to.x) * static_cast<std::size_t>(to.y));
         std::vector<std::vector<Tap>> columns;
-        for (int x = 0; x < to.x; ++x)
-            columns.push_back(taps(x, from.x, to.x));
+        for (int x = 0; x < to.x; ++x) columns.push_back(taps(x, from.x, to.x));
         for (int y = 0; y < to.y; ++y)
             for (const Tap& row : taps(y, from.y, to.y))
                 for (int x = 0; x < to.x; ++x)
                     for (const Tap& column : columns[static_cast<std::size_t>(x)])
                         here[static_cast<std::size_t>(y * to.x + x)] +=
-                            row.weight * column.weight * above[static_cast<std::size_t>(row.cell * from.x + column.cell)];
+                            row.weight * column.weight *
+                            above[static_cast<std::size_t>(row.cell * from.x + column.cell)];
         out.insert(out.end(), here.begin(), here.end());
         above.swap(here);
     }

@@ -4,9 +4,11 @@
 #include <algorithm>
 #include <cmath>
 
-namespace selvedge {
+namespace selvedge
+{
 
-namespace {
+namespace
+{
 
 constexpr float pi = 3.14159265358979f;
 
@@ -21,7 +23,10 @@ float from_snorm16(glm::uint bits)
     return slope_limit * static_cast<float>(static_cast<std::int16_t>(static_cast<std::uint16_t>(bits))) / 32767.0f;
 }
 
-glm::uint unorm8(float value) { return static_cast<glm::uint>(std::lround(std::clamp(value, 0.0f, 1.0f) * 255.0f)); }
+glm::uint unorm8(float value)
+{
+    return static_cast<glm::uint>(std::lround(std::clamp(value, 0.0f, 1.0f) * 255.0f));
+}
 
 } // namespace
 
@@ -34,9 +39,15 @@ std::size_t PackedFabric::resident_bytes() const
     return bytes;
 }
 
-glm::uint pack_slope(glm::vec2 slope) { return snorm16(slope.x) | (snorm16(slope.y) << 16); }
+glm::uint pack_slope(glm::vec2 slope)
+{
+    return snorm16(slope.x) | (snorm16(slope.y) << 16);
+}
 
-glm::vec2 unpack_slope(glm::uint word) { return {from_snorm16(word & 0xffffu), from_snorm16(word >> 16)}; }
+glm::vec2 unpack_slope(glm::uint word)
+{
+    return {from_snorm16(word & 0xffffu), from_snorm16(word >> 16)};
+}
 
 glm::uvec2 pack_texel(const Texel& texel)
 {
@@ -61,22 +72,19 @@ Texel unpack_texel(glm::uvec2 words)
 glm::uvec2 pack_knots(const float knots[8])
 {
     glm::uvec2 words(0);
-    for (int k = 0; k < 8; ++k)
-        words[k / 4] |= unorm8(knots[k]) << (8 * (k % 4));
+    for (int k = 0; k < 8; ++k) words[k / 4] |= unorm8(knots[k]) << (8 * (k % 4));
     return words;
 }
 
 void unpack_knots(glm::uvec2 words, float knots[8])
 {
-    for (int k = 0; k < 8; ++k)
-        knots[k] = static_cast<float>(words[k / 4] >> (8 * (k % 4)) & 255u) / 255.0f;
+    for (int k = 0; k < 8; ++k) knots[k] = static_cast<float>(words[k / 4] >> (8 * (k % 4)) & 255u) / 255.0f;
 }
 
 int slope_level_count(glm::ivec2 size)
 {
     int levels = 1;
-    for (int side = std::max(size.x, size.y); side > 1; side >>= 1)
-        ++levels;
+    for (int side = std::max(size.x, size.y); side > 1; side >>= 1) ++levels;
     return levels;
 }
 

@@ -1,4 +1,5 @@
-// bake/pack.hpp: the baked fabric as both renderers read it, word for word. Renderers include it; it includes glsl/ only.
+// bake/pack.hpp: the baked fabric as both renderers read it, word for word. Renderers include it; it includes glsl/
+// only.
 #pragma once
 
 #include <cstdint>
@@ -9,34 +10,37 @@
 
 #include "cloth_bsdf.hpp"
 
-namespace selvedge {
+namespace selvedge
+{
 
-inline constexpr float slope_limit = 4.0f;   // slopes are clamped to [-4, 4] (math.md hazard 2)
-inline constexpr int yarn_type_limit = 128;  // 7 bits in texels.y
+inline constexpr float slope_limit = 4.0f;  // slopes are clamped to [-4, 4] (math.md hazard 2)
+inline constexpr int yarn_type_limit = 128; // 7 bits in texels.y
 
 // One side of the cloth; the back is in the mirrored frame: x, y unchanged, z negated.
 struct PackedSide {
-    std::vector<glm::uvec2> texels;     // w*h, row y = 0 at v = 0. Words as pack_texel writes them
-    std::vector<glm::uvec2> horizons;   // (w/2)*(h/2): 8 unorm8 knots of sin(horizon), knot k at azimuth k*45 deg in byte k
-    std::vector<glm::uint> slope_mips;  // levels 1, 2, ... 1x1 concatenated, each max(1, w>>L) x max(1, h>>L): 2 x snorm16
-    std::vector<float> heights_m;       // w*h, metres above the mid-plane in this side's frame; 0 in gaps. CPU only (tests,
-                                        // AOVs, the exact march)
+    std::vector<glm::uvec2> texels; // w*h, row y = 0 at v = 0. Words as pack_texel writes them
+    std::vector<glm::uvec2>
+        horizons; // (w/2)*(h/2): 8 unorm8 knots of sin(horizon), knot k at azimuth k*45 deg in byte k
+    std::vector<glm::uint>
+        slope_mips;               // levels 1, 2, ... 1x1 concatenated, each max(1, w>>L) x max(1, h>>L): 2 x snorm16
+    std::vector<float> heights_m; // w*h, metres above the mid-plane in this side's frame; 0 in gaps. CPU only (tests,
+                                  // AOVs, the exact march)
 };
 
 enum class VisibilityKind { horizon8, horizon16, cap, asg, asg_lsq, exact };
 
 struct PackedFabric {
     std::string name;
-    glm::ivec2 size{0};   // texels (w, h), both even
-    glm::vec2 tile_m{0};  // size of the repeat [m]
-    PackedSide side[2];   // [0] front, [1] back
-    std::vector<cloth::f32::ClothYarn> yarns;  // yarn types, 1 to 128
-    std::vector<std::string> yarn_names;       // "warp", "weft #2f4f9a": one for each yarn type
+    glm::ivec2 size{0};                       // texels (w, h), both even
+    glm::vec2 tile_m{0};                      // size of the repeat [m]
+    PackedSide side[2];                       // [0] front, [1] back
+    std::vector<cloth::f32::ClothYarn> yarns; // yarn types, 1 to 128
+    std::vector<std::string> yarn_names;      // "warp", "weft #2f4f9a": one for each yarn type
     VisibilityKind visibility = VisibilityKind::horizon8;
-    bool has_gaps = false;    // any gap texel
-    bool transmits = false;   // any yarn that lets light through (transmission lobes or diffuse transmission not 0)
+    bool has_gaps = false;  // any gap texel
+    bool transmits = false; // any yarn that lets light through (transmission lobes or diffuse transmission not 0)
     float warp_cover = 0, weft_cover = 0, gap_cover = 0; // shares of the front side's texels, sum 1
-    glm::vec2 height_range_m{0};  // front side: lowest and highest
+    glm::vec2 height_range_m{0};                         // front side: lowest and highest
     std::vector<std::string> warnings;
 
     std::size_t resident_bytes() const; // what a renderer keeps: texels, horizons, mips of both sides
@@ -44,11 +48,11 @@ struct PackedFabric {
 
 // What one texel holds, unpacked.
 struct Texel {
-    glm::vec2 slope{0};       // (dh/dx, dh/dy)
-    float azimuth = 0;        // of the ply's tangent [rad], [0, pi)
-    int yarn = 0;             // yarn type
+    glm::vec2 slope{0}; // (dh/dx, dh/dy)
+    float azimuth = 0;  // of the ply's tangent [rad], [0, pi)
+    int yarn = 0;       // yarn type
     bool gap = false;
-    float irradiance = 1;     // I_p, cosine irradiance under a uniform sky (math.md 8.1), [0, 1]
+    float irradiance = 1; // I_p, cosine irradiance under a uniform sky (math.md 8.1), [0, 1]
 };
 
 // The bit layout. x: slope x in bits 0-15, slope y in 16-31, int16, slope = 4 v / 32767. y: azimuth in bits 0-15

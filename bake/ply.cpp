@@ -7,14 +7,16 @@
 
 #include "error.hpp"
 
-namespace selvedge {
+namespace selvedge
+{
 
-namespace {
+namespace
+{
 
 constexpr float pi = 3.14159265358979f;
-constexpr int fewest_threads = 4;          // small repeats are repeated: room for a turn of the plies
+constexpr int fewest_threads = 4;            // small repeats are repeated: room for a turn of the plies
 constexpr float fewest_texels_for_plies = 6; // across a yarn
-constexpr float ply_compression = 1.12f;   // plies in contact flatten: radius over that of round plies that just touch
+constexpr float ply_compression = 1.12f; // plies in contact flatten: radius over that of round plies that just touch
 
 // Lengths of threads: the artist's mean times the draft's proportions.
 std::vector<float> lengths(const std::vector<DraftThread>& threads, float DraftThread::*member, float mean_m)
@@ -48,17 +50,25 @@ int fit_widths(std::vector<float>& width_m, const std::vector<float>& spacing_m)
     return cut;
 }
 
-float total(const std::vector<float>& values) { return std::accumulate(values.begin(), values.end(), 0.0f); }
+float total(const std::vector<float>& values)
+{
+    return std::accumulate(values.begin(), values.end(), 0.0f);
+}
 
-float smallest(const std::vector<float>& values) { return *std::min_element(values.begin(), values.end()); }
+float smallest(const std::vector<float>& values)
+{
+    return *std::min_element(values.begin(), values.end());
+}
 
-int even_up(float texels) { return std::max(2, 2 * static_cast<int>(std::ceil(texels / 2 - 1e-3f))); }
+int even_up(float texels)
+{
+    return std::max(2, 2 * static_cast<int>(std::ceil(texels / 2 - 1e-3f)));
+}
 
 // Radius of n equal plies around a yarn's axis and of their helix, for a yarn of radius 1.
 glm::vec2 ply_radii(int plies)
 {
-    if (plies == 1)
-        return {1, 0};
+    if (plies == 1) return {1, 0};
     const float s = std::sin(pi / static_cast<float>(plies));
     const float radius = std::min(ply_compression * s / (1 + s), 0.9f);
     return {radius, 1 - radius};
@@ -68,8 +78,7 @@ glm::vec2 ply_radii(int plies)
 int turn_steps(const YarnSpec& yarn, int plies, float width_m, float length_m)
 {
     const float helix_m = ply_radii(plies).y * width_m / 2;
-    if (plies == 1 || yarn.ply_twist_deg == 0)
-        return 0;
+    if (plies == 1 || yarn.ply_twist_deg == 0) return 0;
     const float turns = length_m * std::tan(yarn.ply_twist_deg * pi / 180) / (2 * pi * helix_m);
     const int steps = static_cast<int>(std::lround(turns * static_cast<float>(plies)));
     return steps != 0 ? steps : turns > 0 ? 1 : -1;
@@ -118,18 +127,16 @@ WovenPlan plan_woven(const Fabric& fabric, int resolution)
 {
     WovenPlan plan;
     const YarnTypes types = yarn_types(fabric);
-    if (!types.warning.empty())
-        plan.warnings.push_back(types.warning);
+    if (!types.warning.empty()) plan.warnings.push_back(types.warning);
 
     // Threads that differ in nothing one can see are the same thread.
     Draft draft = fabric.draft;
-    for (std::size_t e = 0; e < draft.ends.size(); ++e)
-        draft.ends[e].colour = types.end_type[e];
-    for (std::size_t p = 0; p < draft.picks.size(); ++p)
-        draft.picks[p].colour = types.pick_type[p];
+    for (std::size_t e = 0; e < draft.ends.size(); ++e) draft.ends[e].colour = types.end_type[e];
+    for (std::size_t p = 0; p < draft.picks.size(); ++p) draft.picks[p].colour = types.pick_type[p];
     // Proportions are taken before the repeat is cut: the mean over the draft is the artist's number.
     const auto proportions = [](std::vector<DraftThread>& threads) {
-        const auto spacing = lengths(threads, &DraftThread::spacing_m, 1), thickness = lengths(threads, &DraftThread::thickness_m, 1);
+        const auto spacing = lengths(threads, &DraftThread::spacing_m, 1),
+                   thickness = lengths(threads, &DraftThread::thickness_m, 1);
         for (std::size_t t = 0; t < threads.size(); ++t) {
             threads[t].spacing_m = spacing[t];
             threads[t].thickness_m = thickness[t];
@@ -139,7 +146,8 @@ WovenPlan plan_woven(const Fabric& fabric, int resolution)
     proportions(draft.picks);
     draft = smallest_repeat(draft);
     const auto times = [](std::size_t threads) {
-        return (fewest_threads + static_cast<int>(threads) - 1) / static_cast<int>(std::min(threads, std::size_t(fewest_threads)));
+        return (fewest_threads + static_cast<int>(threads) - 1) /
+               static_cast<int>(std::min(threads, std::size_t(fewest_threads)));
     };
     plan.repeat = repeated(draft, draft.ends.size() < fewest_threads ? times(draft.ends.size()) : 1,
                            draft.picks.size() < fewest_threads ? times(draft.picks.size()) : 1);
@@ -154,7 +162,8 @@ WovenPlan plan_woven(const Fabric& fabric, int resolution)
         plan.pick_spacing_m.push_back(fabric.weft.spacing_m * pick.spacing_m);
         plan.pick_width_m.push_back(fabric.weft.width_m * pick.thickness_m);
     }
-    if (const int cut = fit_widths(plan.end_width_m, plan.end_spacing_m) + fit_widths(plan.pick_width_m, plan.pick_spacing_m))
+    if (const int cut =
+            fit_widths(plan.end_width_m, plan.end_spacing_m) + fit_widths(plan.pick_width_m, plan.pick_spacing_m))
         plan.warnings.push_back(format_text("%d of %zu yarns are wider than their spacing: narrowed to it", cut,
                                             plan.end_width_m.size() + plan.pick_width_m.size()));
     plan.tile_m = {total(plan.end_spacing_m), total(plan.pick_spacing_m)};
@@ -167,25 +176,28 @@ WovenPlan plan_woven(const Fabric& fabric, int resolution)
     if (side_for(texels_per_yarn) > side) {
         const float wished = std::min(side_for(texels_per_yarn), static_cast<float>(side_limit));
         if (side_for(1.5f) > static_cast<float>(side_limit))
-            throw InputError(fabric.path.empty() ? fabric.name : fabric.path, 0,
-                             "repeat of %zu ends x %zu picks, %.3g x %.3g m, needs %.0f texels a side for 1.5 texels across "
-                             "the finest yarn, expected at most %d", plan.repeat.ends.size(), plan.repeat.picks.size(),
-                             static_cast<double>(plan.tile_m.x), static_cast<double>(plan.tile_m.y),
-                             static_cast<double>(side_for(1.5f)), side_limit);
-        plan.warnings.push_back(format_text("resolution raised from %d to %d: %.2g texels across the finest yarn (%d wished)",
-                                            resolution, even_up(wished), static_cast<double>(wished / side_for(1)), texels_per_yarn));
+            throw InputError(
+                fabric.path.empty() ? fabric.name : fabric.path, 0,
+                "repeat of %zu ends x %zu picks, %.3g x %.3g m, needs %.0f texels a side for 1.5 texels across "
+                "the finest yarn, expected at most %d",
+                plan.repeat.ends.size(), plan.repeat.picks.size(), static_cast<double>(plan.tile_m.x),
+                static_cast<double>(plan.tile_m.y), static_cast<double>(side_for(1.5f)), side_limit);
+        plan.warnings.push_back(
+            format_text("resolution raised from %d to %d: %.2g texels across the finest yarn (%d wished)", resolution,
+                        even_up(wished), static_cast<double>(wished / side_for(1)), texels_per_yarn));
         side = wished;
     }
     const float texel_m = longer_m / static_cast<float>(even_up(side));
-    plan.size = {std::min(even_up(plan.tile_m.x / texel_m), side_limit), std::min(even_up(plan.tile_m.y / texel_m), side_limit)};
+    plan.size = {std::min(even_up(plan.tile_m.x / texel_m), side_limit),
+                 std::min(even_up(plan.tile_m.y / texel_m), side_limit)};
 
-    const auto fit_plies = [&](const YarnSpec& yarn, const std::vector<float>& width_m, float length_m, const char* system,
-                               int& plies, int& steps) {
+    const auto fit_plies = [&](const YarnSpec& yarn, const std::vector<float>& width_m, float length_m,
+                               const char* system, int& plies, int& steps) {
         const float mean_m = total(width_m) / static_cast<float>(width_m.size());
         plies = yarn.plies;
         if (plies > 1 && mean_m / texel_m < fewest_texels_for_plies) {
-            plan.warnings.push_back(format_text("%s yarns are %.2g texels wide: their %d plies are drawn as one", system,
-                                                static_cast<double>(mean_m / texel_m), plies));
+            plan.warnings.push_back(format_text("%s yarns are %.2g texels wide: their %d plies are drawn as one",
+                                                system, static_cast<double>(mean_m / texel_m), plies));
             plies = 1;
         }
         steps = turn_steps(yarn, plies, mean_m, length_m);
@@ -204,7 +216,8 @@ PlyModel weave_plies(const Fabric& fabric, const WovenPlan& plan)
     PlyModel model;
     model.tile_m = plan.tile_m;
     const std::vector<float> end_at = positions(plan.end_spacing_m), pick_at = positions(plan.pick_spacing_m);
-    const float texel_m = std::max(plan.tile_m.x / static_cast<float>(plan.size.x), plan.tile_m.y / static_cast<float>(plan.size.y));
+    const float texel_m =
+        std::max(plan.tile_m.x / static_cast<float>(plan.size.x), plan.tile_m.y / static_cast<float>(plan.size.y));
 
     // Shares of the crimp: only their proportion counts where both are stated.
     float warp_share = fabric.warp.crimp.value_or(1 - fabric.weft.crimp.value_or(0.5f));
@@ -254,22 +267,23 @@ PlyModel weave_plies(const Fabric& fabric, const WovenPlan& plan)
                 const float s = share_of_length * length, lap = k == count ? length : 0;
                 const glm::vec2 wave = axis(s);
                 // Z twist: the near plies rise to the right of the yarn's way, seen with the way up.
-                const float turn = (phase + static_cast<float>(ply) - static_cast<float>(steps) * share_of_length) / static_cast<float>(plies);
+                const float turn = (phase + static_cast<float>(ply) - static_cast<float>(steps) * share_of_length) /
+                                   static_cast<float>(plies);
                 const float angle = 2 * pi * (turn - std::floor(turn));
                 // In the space where the section is round: along the yarn, across it to the right, up.
                 const float slope = wave.y / yarn.aspect, norm = 1 / std::sqrt(1 + slope * slope);
                 const float up = radii.y * std::sin(angle), right = radii.y * std::cos(angle);
                 const float along = s + lap - slope * norm * up;
                 const float height = wave.x + yarn.aspect * norm * up;
-                tube.points.push_back({warp ? glm::vec3(across + right, along, height) : glm::vec3(along, across - right, height), radii.x});
+                tube.points.push_back(
+                    {warp ? glm::vec3(across + right, along, height) : glm::vec3(along, across - right, height),
+                     radii.x});
             }
             model.tubes.push_back(std::move(tube));
         }
     };
-    for (std::size_t e = 0; e < end_at.size(); ++e)
-        thread(true, e);
-    for (std::size_t p = 0; p < pick_at.size(); ++p)
-        thread(false, p);
+    for (std::size_t e = 0; e < end_at.size(); ++e) thread(true, e);
+    for (std::size_t p = 0; p < pick_at.size(); ++p) thread(false, p);
     return model;
 }
 

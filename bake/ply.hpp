@@ -8,7 +8,8 @@
 
 #include "fabric.hpp"
 
-namespace selvedge {
+namespace selvedge
+{
 
 // A point of a ply's centre line.
 struct PlyPoint {
@@ -22,7 +23,7 @@ struct PlyPoint {
 struct PlyTube {
     std::vector<PlyPoint> points;
     float aspect = 1;
-    int yarn = 0;  // yarn type
+    int yarn = 0; // yarn type
     bool warp = false;
 };
 
@@ -33,18 +34,18 @@ struct PlyModel {
 
 // What a woven repeat will be, before anything large is made: size, texels, and what had to be bent to fit.
 struct WovenPlan {
-    Draft repeat;                      // smallest repeat, repeated to at least 4 threads each way
+    Draft repeat; // smallest repeat, repeated to at least 4 threads each way
     std::vector<int> end_type, pick_type;
     std::vector<float> end_spacing_m, pick_spacing_m; // from this thread's axis to the next one's
     std::vector<float> end_width_m, pick_width_m;
     glm::vec2 tile_m{0};
-    glm::ivec2 size{0};                // texels, both even, at most 2048
-    int warp_plies = 1, weft_plies = 1;    // 1 where plies would be too small to see
-    int warp_turns = 0, weft_turns = 0;    // signed steps of 1/plies turn over the tile's length; Z positive
+    glm::ivec2 size{0};                 // texels, both even, at most 2048
+    int warp_plies = 1, weft_plies = 1; // 1 where plies would be too small to see
+    int warp_turns = 0, weft_turns = 0; // signed steps of 1/plies turn over the tile's length; Z positive
     std::vector<std::string> warnings;
 };
 
-inline constexpr int side_limit = 2048; // texels
+inline constexpr int side_limit = 2048;   // texels
 inline constexpr int texels_per_yarn = 8; // wished for; the resolution is raised for it
 
 //   resolution  texels along the longer side of the tile

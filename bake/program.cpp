@@ -9,21 +9,19 @@
 #include "error.hpp"
 #include "revision.hpp" // written by revision.cmake at every build
 
-namespace selvedge {
+namespace selvedge
+{
 
 int run_program(const char* program, const std::function<int()>& body)
 try {
     return body();
-}
-catch (const UsageError& error) {
+} catch (const UsageError& error) {
     std::fprintf(stderr, "%s: %s (see %s --help)\n", program, error.what(), program);
     return 2;
-}
-catch (const std::bad_alloc&) {
+} catch (const std::bad_alloc&) {
     std::fprintf(stderr, "%s: out of memory\n", program);
     return 1;
-}
-catch (const std::exception& error) {
+} catch (const std::exception& error) {
     std::fprintf(stderr, "%s: %s\n", program, error.what());
     return 1;
 }
@@ -39,9 +37,15 @@ std::string version_text(const char* program, const std::map<std::string, std::s
     return libraries.empty() ? text : text + "\n";
 }
 
-const char* version() { return SELVEDGE_VERSION; }
+const char* version()
+{
+    return SELVEDGE_VERSION;
+}
 
-const char* git_revision() { return SELVEDGE_REVISION; }
+const char* git_revision()
+{
+    return SELVEDGE_REVISION;
+}
 
 std::string command_line(int argc, const char* const* argv)
 {
@@ -55,8 +59,7 @@ std::string command_line(int argc, const char* const* argv)
             continue;
         }
         line += '\'';
-        for (const char c : word)
-            line += c == '\'' ? std::string("'\\''") : std::string(1, c);
+        for (const char c : word) line += c == '\'' ? std::string("'\\''") : std::string(1, c);
         line += '\'';
     }
     return line;

@@ -5,15 +5,16 @@
 #include <map>
 #include <string>
 
-namespace selvedge {
+namespace selvedge
+{
 
 // Runs `body` and turns what it throws into one line on stderr and an exit status: UsageError 2, anything else 1.
 int run_program(const char* program, const std::function<int()>& body);
 
 // "selvedge-bake 0.1.0 (git abc123)\nOpenImageIO 2.4.7, ...\n"; `libraries`: name -> version, one line for all.
 std::string version_text(const char* program, const std::map<std::string, std::string>& libraries);
-const char* version();       // "0.1.0"
-const char* git_revision();  // "unknown" outside a checkout
+const char* version();      // "0.1.0"
+const char* git_revision(); // "unknown" outside a checkout
 
 // The command line, quoted where needed, for file headers.
 std::string command_line(int argc, const char* const* argv);

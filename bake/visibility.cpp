@@ -10,16 +10,22 @@
 #include "cloth_bsdf.hpp"
 #include "pack.hpp"
 
-namespace selvedge {
+namespace selvedge
+{
 
-namespace {
+namespace
+{
 
 constexpr float pi = 3.14159265358979f;
 constexpr int knot_count = 8;
-constexpr int chunk = 64;     // half-resolution texels that march together
-constexpr int exit_stride = 4; // steps between looks at whether a chunk is done
+constexpr float far_enough = 16; // height ranges: beyond, a horizon is lower than 3.6 degrees (math.md 8.1: 5)
+constexpr int chunk = 64;        // half-resolution texels that march together
+constexpr int exit_stride = 4;   // steps between looks at whether a chunk is done
 
-float azimuth_of(int j) { return 2 * pi * (static_cast<float>(j) + 0.5f) / horizon_azimuths; }
+float azimuth_of(int j)
+{
+    return 2 * pi * (static_cast<float>(j) + 0.5f) / horizon_azimuths;
+}
 
 int wrapped(int i, int n)
 {
@@ -27,7 +33,10 @@ int wrapped(int i, int n)
     return r < 0 ? r + n : r;
 }
 
-float sine_of_slope(float rise) { return rise > 0 ? rise / std::sqrt(1 + rise * rise) : 0.0f; }
+float sine_of_slope(float rise)
+{
+    return rise > 0 ? rise / std::sqrt(1 + rise * rise) : 0.0f;
+}
 
 // One azimuth as steps over the grid: the larger component moves by one texel, the other by `minor`.
 struct March {
@@ -35,9 +44,9 @@ struct March {
     int way;        // its sign
     float minor;    // texels of the other component for one texel of the larger
     float length_m; // of one step
-    int limit;      // steps to one tile length
+    int limit;      // steps after which nothing is looked for
 
-    March(const HeightField& field, float azimuth)
+    March(const HeightField& field, float range_m, float azimuth)
     {
         const glm::vec2 texel_m = field.tile_m / glm::vec2(field.size);
         const glm::vec2 d = glm::vec2(std::cos(azimuth), std::sin(azimuth)) / texel_m; // texels per metre
@@ -46,8 +55,9 @@ struct March {
         way = major >= 0 ? 1 : -1;
         minor = (along_x ? d.y : d.x) / std::abs(major);
         length_m = 1 / std::abs(major);
-        // A tile length along the ray, whichever way it leaves the tile.
-        limit = static_cast<int>(std::ceil(std::max(field.tile_m.x, field.tile_m.y) / length_m)) + 1;
+        limit =
+            static_cast<int>(std::ceil(std::max({field.tile_m.x, field.tile_m.y, far_enough * range_m}) / length_m)) +
+            1;
     }
 };
 
@@ -63,7 +73,8 @@ struct SplitRows {
             rows[parity].resize(static_cast<std::size_t>(field.size.y) * static_cast<std::size_t>(half) * 2);
             for (int y = 0; y < field.size.y; ++y)
                 for (int i = 0; i < 2 * half; ++i)
-                    rows[parity][(static_cast<std::size_t>(y) * 2) * static_cast<std::size_t>(half) + static_cast<std::size_t>(i)] =
+                    rows[parity][(static_cast<std::size_t>(y) * 2) * static_cast<std::size_t>(half) +
+                                 static_cast<std::size_t>(i)] =
                         (*field.height_m)[static_cast<std::size_t>(y) * static_cast<std::size_t>(field.size.x) +
                                           static_cast<std::size_t>(2 * (i % half) + parity)];
         }
@@ -73,20 +84,22 @@ struct SplitRows {
     {
         const int parity = column & 1;
         const int shift = wrapped((column - parity) / 2 + first, half);
-        return rows[parity].data() + (static_cast<std::size_t>(y) * 2) * static_cast<std::size_t>(half) + static_cast<std::size_t>(shift);
+        return rows[parity].data() + (static_cast<std::size_t>(y) * 2) * static_cast<std::size_t>(half) +
+               static_cast<std::size_t>(shift);
     }
 };
 
 // Horizons of one row of blocks: half_w * 32, azimuth fastest.
-void march_row(const SplitRows& split, const std::vector<March>& marches, int height_rows, float highest, int Y, float* out)
+void march_row(const SplitRows& split, const std::vector<March>& marches, int height_rows, float highest, int Y,
+               float* out)
 {
     for (int first = 0; first < split.half; first += chunk) {
         const int count = std::min(chunk, split.half - first);
         std::array<float, chunk> from{}, best{};
         for (int i = 0; i < count; ++i)
             from[static_cast<std::size_t>(i)] =
-                0.25f * (split.at(2 * Y, 0, first)[i] + split.at(2 * Y, 1, first)[i] + split.at(2 * Y + 1, 0, first)[i] +
-                         split.at(2 * Y + 1, 1, first)[i]);
+                0.25f * (split.at(2 * Y, 0, first)[i] + split.at(2 * Y, 1, first)[i] +
+                         split.at(2 * Y + 1, 0, first)[i] + split.at(2 * Y + 1, 1, first)[i]);
         for (std::size_t j = 0; j < marches.size(); ++j) {
             const March& march = marches[j];
             best.fill(0);
@@ -97,9 +110,9 @@ void march_row(const SplitRows& split, const std::vector<March>& marches, int he
                 if (k % exit_stride == 0) {
                     float most = -1;
                     for (int i = 0; i < count; ++i)
-                        most = std::max(most, highest - from[static_cast<std::size_t>(i)] - best[static_cast<std::size_t>(i)] * distance_m);
-                    if (most <= 0)
-                        break;
+                        most = std::max(most, highest - from[static_cast<std::size_t>(i)] -
+                                                  best[static_cast<std::size_t>(i)] * distance_m);
+                    if (most <= 0) break;
                 }
                 const int major = march.way > 0 ? k + 1 : -k; // from the block's lower texel
                 const float other = 0.5f + step * march.minor, floor_of = std::floor(other), f = other - floor_of;
@@ -120,12 +133,14 @@ void march_row(const SplitRows& split, const std::vector<March>& marches, int he
                 }
             }
             for (int i = 0; i < count; ++i)
-                out[static_cast<std::size_t>(first + i) * horizon_azimuths + j] = sine_of_slope(best[static_cast<std::size_t>(i)]);
+                out[static_cast<std::size_t>(first + i) * horizon_azimuths + j] =
+                    sine_of_slope(best[static_cast<std::size_t>(i)]);
         }
     }
 }
 
-// knots = fit * horizons: (B^T B)^-1 B^T with the rows of the spline's basis at the marched azimuths, the same for every block.
+// knots = fit * horizons: (B^T B)^-1 B^T with the rows of the spline's basis at the marched azimuths, the same for
+// every block.
 using KnotFit = std::array<std::array<float, horizon_azimuths>, knot_count>;
 KnotFit knot_fit()
 {
@@ -141,26 +156,21 @@ KnotFit knot_fit()
     std::array<std::array<double, knot_count + horizon_azimuths>, knot_count> system{}; // [B^T B | B^T]
     for (std::size_t r = 0; r < knot_count; ++r)
         for (std::size_t j = 0; j < horizon_azimuths; ++j) {
-            for (std::size_t c = 0; c < knot_count; ++c)
-                system[r][c] += basis[j][r] * basis[j][c];
+            for (std::size_t c = 0; c < knot_count; ++c) system[r][c] += basis[j][r] * basis[j][c];
             system[r][knot_count + j] = basis[j][r];
         }
     for (std::size_t pivot = 0; pivot < knot_count; ++pivot) { // Gauss-Jordan; B^T B is diagonally dominant
         const double scale = 1 / system[pivot][pivot];
-        for (double& value : system[pivot])
-            value *= scale;
+        for (double& value : system[pivot]) value *= scale;
         for (std::size_t r = 0; r < knot_count; ++r) {
-            if (r == pivot)
-                continue;
+            if (r == pivot) continue;
             const double factor = system[r][pivot];
-            for (std::size_t c = 0; c < system[r].size(); ++c)
-                system[r][c] -= factor * system[pivot][c];
+            for (std::size_t c = 0; c < system[r].size(); ++c) system[r][c] -= factor * system[pivot][c];
         }
     }
     KnotFit fit{};
     for (std::size_t k = 0; k < knot_count; ++k)
-        for (std::size_t j = 0; j < horizon_azimuths; ++j)
-            fit[k][j] = static_cast<float>(system[k][knot_count + j]);
+        for (std::size_t j = 0; j < horizon_azimuths; ++j) fit[k][j] = static_cast<float>(system[k][knot_count + j]);
 
     return fit;
 }
@@ -170,8 +180,7 @@ glm::uvec2 fit_knots(const KnotFit& fit, const float* horizons)
     float knots[knot_count];
     for (std::size_t k = 0; k < knot_count; ++k) {
         float sum = 0;
-        for (std::size_t j = 0; j < horizon_azimuths; ++j)
-            sum += fit[k][j] * horizons[j];
+        for (std::size_t j = 0; j < horizon_azimuths; ++j) sum += fit[k][j] * horizons[j];
         knots[k] = sum;
     }
     return pack_knots(knots); // clamps
@@ -179,15 +188,20 @@ glm::uvec2 fit_knots(const KnotFit& fit, const float* horizons)
 
 } // namespace
 
+glm::vec2 height_range(const HeightField& field)
+{
+    const auto [low, high] = std::minmax_element(field.height_m->begin(), field.height_m->end());
+    return {*low, *high};
+}
+
 std::vector<glm::uvec2> horizon_knots(const HeightField& field)
 {
     const int half_w = field.size.x / 2, half_h = field.size.y / 2;
-    const float highest = *std::max_element(field.height_m->begin(), field.height_m->end());
+    const float lowest = height_range(field).x, highest = height_range(field).y;
     const SplitRows split(field);
     const KnotFit fit = knot_fit();
     std::vector<March> marches;
-    for (int j = 0; j < horizon_azimuths; ++j)
-        marches.emplace_back(field, azimuth_of(j));
+    for (int j = 0; j < horizon_azimuths; ++j) marches.emplace_back(field, highest - lowest, azimuth_of(j));
 
     std::vector<glm::uvec2> out(static_cast<std::size_t>(half_w) * static_cast<std::size_t>(half_h));
     tbb::parallel_for(0, half_h, [&](int Y) {
@@ -200,40 +214,45 @@ std::vector<glm::uvec2> horizon_knots(const HeightField& field)
     return out;
 }
 
-float march_horizon(const HeightField& field, float highest_m, glm::vec2 at, float azimuth)
+float march_horizon(const HeightField& field, glm::vec2 range_m, glm::vec2 at, float azimuth)
 {
     const int w = field.size.x, h = field.size.y;
     const std::vector<float>& height = *field.height_m;
     const auto texel = [&](int x, int y) {
-        return height[static_cast<std::size_t>(wrapped(y, h)) * static_cast<std::size_t>(w) + static_cast<std::size_t>(wrapped(x, w))];
+        return height[static_cast<std::size_t>(wrapped(y, h)) * static_cast<std::size_t>(w) +
+                      static_cast<std::size_t>(wrapped(x, w))];
     };
     const auto sample = [&](glm::vec2 p) { // bilinear
         const glm::vec2 q = p - 0.5f, base = glm::floor(q), f = q - base;
         const int x = static_cast<int>(base.x), y = static_cast<int>(base.y);
-        return glm::mix(glm::mix(texel(x, y), texel(x + 1, y), f.x), glm::mix(texel(x, y + 1), texel(x + 1, y + 1), f.x), f.y);
+        return glm::mix(glm::mix(texel(x, y), texel(x + 1, y), f.x),
+                        glm::mix(texel(x, y + 1), texel(x + 1, y + 1), f.x), f.y);
     };
-    const March march(field, azimuth);
+    const float highest_m = range_m.y;
+    const March march(field, range_m.y - range_m.x, azimuth);
     const float from = sample(at);
     const glm::vec2 step = march.along_x ? glm::vec2(march.way, march.minor) : glm::vec2(march.minor, march.way);
     // To the next line of texel centres that is at least one texel away.
     const float major = march.along_x ? at.x : at.y;
-    const float to_line = march.way > 0 ? std::ceil(major + 0.5f) - 0.5f - major : major - (std::floor(major - 0.5f) + 0.5f);
+    const float to_line =
+        march.way > 0 ? std::ceil(major + 0.5f) - 0.5f - major : major - (std::floor(major - 0.5f) + 0.5f);
     float best = 0, k = to_line < 1 ? to_line + 1 : to_line;
     for (; k < static_cast<float>(march.limit); k += 1) {
         const float distance_m = k * march.length_m;
-        if (highest_m - from <= best * distance_m)
-            break;
+        if (highest_m - from <= best * distance_m) break;
         best = std::max(best, (sample(at + k * step) - from) / distance_m);
     }
     return sine_of_slope(best);
 }
 
-std::vector<float> cosine_irradiance(const std::vector<glm::uvec2>& knots, const std::vector<glm::vec2>& slopes, glm::ivec2 size)
+std::vector<float> cosine_irradiance(const std::vector<glm::uvec2>& knots, const std::vector<glm::vec2>& slopes,
+                                     glm::ivec2 size)
 {
     const int half_w = size.x / 2, half_h = size.y / 2;
     std::array<glm::vec2, knot_count> way;
     for (int k = 0; k < knot_count; ++k)
-        way[static_cast<std::size_t>(k)] = {std::cos(pi * static_cast<float>(k) / 4), std::sin(pi * static_cast<float>(k) / 4)};
+        way[static_cast<std::size_t>(k)] = {std::cos(pi * static_cast<float>(k) / 4),
+                                            std::sin(pi * static_cast<float>(k) / 4)};
 
     std::vector<float> out(slopes.size());
     tbb::parallel_for(0, size.y, [&](int y) {
@@ -242,13 +261,15 @@ std::vector<float> cosine_irradiance(const std::vector<glm::uvec2>& knots, const
             const int X = x / 2, X1 = wrapped(x % 2 ? X + 1 : X - 1, half_w);
             float s[knot_count] = {}, corner[knot_count];
             const auto add = [&](int cx, int cy, float weight) {
-                unpack_knots(knots[static_cast<std::size_t>(cy) * static_cast<std::size_t>(half_w) + static_cast<std::size_t>(cx)], corner);
-                for (int k = 0; k < knot_count; ++k)
-                    s[k] += weight * corner[k];
+                unpack_knots(knots[static_cast<std::size_t>(cy) * static_cast<std::size_t>(half_w) +
+                                   static_cast<std::size_t>(cx)],
+                             corner);
+                for (int k = 0; k < knot_count; ++k) s[k] += weight * corner[k];
             };
             add(X, Y, 0.5625f), add(X1, Y, 0.1875f), add(X, Y1, 0.1875f), add(X1, Y1, 0.0625f);
 
-            const std::size_t texel = static_cast<std::size_t>(y) * static_cast<std::size_t>(size.x) + static_cast<std::size_t>(x);
+            const std::size_t texel =
+                static_cast<std::size_t>(y) * static_cast<std::size_t>(size.x) + static_cast<std::size_t>(x);
             const glm::vec2 slope = glm::clamp(slopes[texel], -slope_limit, slope_limit);
             const float nz = 1 / std::sqrt(1 + glm::dot(slope, slope));
             float sum = 0;

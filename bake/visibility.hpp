@@ -6,7 +6,8 @@
 
 #include <glm/glm.hpp>
 
-namespace selvedge {
+namespace selvedge
+{
 
 inline constexpr int horizon_azimuths = 32; // marched; the 8 knots are fitted to them
 
@@ -18,18 +19,24 @@ struct HeightField {
 };
 
 // The horizons of a field as packed knots, (w/2)*(h/2): seen from the middle of each 2 x 2 block of texels.
-//   march   s = sin(elevation), clamped to [0, 1] (math.md 8.1), at azimuths 2 pi (j + 1/2) / 32. Exact: every texel row or
+//   march   s = sin(elevation), clamped to [0, 1] (math.md 8.1), at azimuths 2 pi (j + 1/2) / 32. Exact: every texel
+//   row or
 //           column that the ray crosses, heights interpolated along it, from 1 texel on, until the highest point of the
-//           field could no longer raise the horizon or one tile length has passed
+//           field could no longer raise the horizon, or one tile length and 16 height ranges have passed
 //   fit     least squares of the periodic piecewise-linear 8-knot spline over cloth_horizon_azimuth (math.md 8.5),
 //           clamped, quantised to unorm8
 std::vector<glm::uvec2> horizon_knots(const HeightField& field);
 
-// Horizon from any point (in texels; texel centres at .5) along one azimuth; the same march. Oracle for the fit.
-float march_horizon(const HeightField& field, float highest_m, glm::vec2 at_texels, float azimuth);
+// Lowest and highest value.
+glm::vec2 height_range(const HeightField& field);
 
-// I_p of math.md 8.1: (1/pi) INT max(0, n.d) V dd over the hemisphere for each full-resolution texel, from its slope (as
-// stored: clamped) and the packed half-resolution knots around it. w*h values in [0, 1].
-std::vector<float> cosine_irradiance(const std::vector<glm::uvec2>& knots, const std::vector<glm::vec2>& slopes, glm::ivec2 size);
+// Horizon from any point (in texels; texel centres at .5) along one azimuth; the same march. Oracle for the fit.
+//   range_m  height_range of the field
+float march_horizon(const HeightField& field, glm::vec2 range_m, glm::vec2 at_texels, float azimuth);
+
+// I_p of math.md 8.1: (1/pi) INT max(0, n.d) V dd over the hemisphere for each full-resolution texel, from its slope
+// (as stored: clamped) and the packed half-resolution knots around it. w*h values in [0, 1].
+std::vector<float> cosine_irradiance(const std::vector<glm::uvec2>& knots, const std::vector<glm::vec2>& slopes,
+                                     glm::ivec2 size);
 
 } // namespace selvedge

@@ -10,9 +10,11 @@
 #include "error.hpp"
 #include "image.hpp"
 
-namespace selvedge {
+namespace selvedge
+{
 
-namespace {
+namespace
+{
 
 constexpr std::size_t file_limit = std::size_t(16) << 20;
 constexpr int shaft_limit = 10000;
@@ -26,7 +28,7 @@ struct Entry {
 
 struct Section {
     int line = 0;
-    std::map<std::string, Entry> words;   // "threads" -> ...
+    std::map<std::string, Entry> words;    // "threads" -> ...
     std::map<std::int64_t, Entry> numbers; // 1 -> ...
 };
 
@@ -39,8 +41,7 @@ std::string trimmed(const std::string& text)
 std::string lower(std::string text)
 {
     for (char& c : text)
-        if (c >= 'A' && c <= 'Z')
-            c = static_cast<char>(c - 'A' + 'a');
+        if (c >= 'A' && c <= 'Z') c = static_cast<char>(c - 'A' + 'a');
     return text;
 }
 
@@ -48,8 +49,7 @@ std::string lower(std::string text)
 std::string shown(const std::string& text)
 {
     std::string out;
-    for (const char c : text.substr(0, 60))
-        out += c >= ' ' && c < 127 ? c : '?';
+    for (const char c : text.substr(0, 60)) out += c >= ' ' && c < 127 ? c : '?';
     return text.size() > 60 ? out + "..." : out;
 }
 
@@ -71,30 +71,33 @@ std::vector<std::string> split(const std::string& text)
     return parts;
 }
 
-float linear_from_srgb(float v) { return v <= 0.04045f ? v / 12.92f : std::pow((v + 0.055f) / 1.055f, 2.4f); }
+float linear_from_srgb(float v)
+{
+    return v <= 0.04045f ? v / 12.92f : std::pow((v + 0.055f) / 1.055f, 2.4f);
+}
 
-float srgb_from_linear(float v) { return v <= 0.0031308f ? v * 12.92f : 1.055f * std::pow(v, 1 / 2.4f) - 0.055f; }
+float srgb_from_linear(float v)
+{
+    return v <= 0.0031308f ? v * 12.92f : 1.055f * std::pow(v, 1 / 2.4f) - 0.055f;
+}
 
-class WifReader {
-public:
+class WifReader
+{
+  public:
     WifReader(const std::string& text, const std::string& name) : name_(name) { split_sections(decoded(text)); }
 
     Draft read()
     {
-        if (sections_.empty())
-            throw InputError(name_, 0, "no [SECTION] in the file, expected a WIF draft");
-        if (!sections_.count("wif"))
-            warn("no [WIF] section");
-        if (const Entry* title = word("text", "title"))
-            draft_.title = title->value;
+        if (sections_.empty()) throw InputError(name_, 0, "no [SECTION] in the file, expected a WIF draft");
+        if (!sections_.count("wif")) warn("no [WIF] section");
+        if (const Entry* title = word("text", "title")) draft_.title = title->value;
         refuse_truncated();
         read_header_numbers();
 
         const Section& threading = required("threading", "which shafts carry each end");
         const bool by_liftplan = choose_liftplan();
         const Section& picks = by_liftplan ? *section("liftplan") : required("treadling", "or [LIFTPLAN]");
-        if (!by_liftplan)
-            required("tieup", "or [LIFTPLAN]");
+        if (!by_liftplan) required("tieup", "or [LIFTPLAN]");
 
         draft_.ends.resize(thread_count("warp", "threading", threading));
         draft_.picks.resize(thread_count("weft", by_liftplan ? "liftplan" : "treadling", picks));
@@ -106,7 +109,7 @@ public:
         return std::move(draft_);
     }
 
-private:
+  private:
     [[gnu::format(printf, 2, 3)]] void warn(const char* format, ...)
     {
         std::va_list arguments;
@@ -143,8 +146,7 @@ private:
             else
                 out += c;
         }
-        if (zeros > 0)
-            warn("%zu NUL bytes, read as blanks", zeros);
+        if (zeros > 0) warn("%zu NUL bytes, read as blanks", zeros);
         return out;
     }
 
@@ -159,13 +161,13 @@ private:
             ++line;
             cut_ = end == text.size() && !content.empty();
             from = end + 1;
-            if (content.empty() || content[0] == ';')
-                continue;
+            if (content.empty() || content[0] == ';') continue;
             if (content[0] == '[') {
                 const auto close = content.find(']');
                 if (close == std::string::npos) {
                     if (cut_)
-                        throw InputError(name_, line, "file ends inside the section name \"%s\", expected the rest: truncated",
+                        throw InputError(name_, line,
+                                         "file ends inside the section name \"%s\", expected the rest: truncated",
                                          shown(content).c_str());
                     ++loose, first_loose = first_loose ? first_loose : line;
                     continue;
@@ -184,8 +186,7 @@ private:
             }
             const auto equals = content.find('=');
             if (equals == std::string::npos || !current) {
-                if (!is_private)
-                    ++loose, first_loose = first_loose ? first_loose : line;
+                if (!is_private) ++loose, first_loose = first_loose ? first_loose : line;
                 continue;
             }
             const std::string key = lower(trimmed(content.substr(0, equals)));
@@ -201,7 +202,8 @@ private:
         }
         last_line_ = line;
         if (loose > 0)
-            warn("%d lines that are neither [SECTION] nor key=value, the first on line %d: ignored", loose, first_loose);
+            warn("%d lines that are neither [SECTION] nor key=value, the first on line %d: ignored", loose,
+                 first_loose);
     }
 
     const Section* section(const char* key) const
@@ -213,11 +215,11 @@ private:
     const Section& required(const char* key, const char* what) const
     {
         std::string upper = key;
-        for (char& c : upper)
-            c = static_cast<char>(c - 'a' + 'A');
+        for (char& c : upper) c = static_cast<char>(c - 'a' + 'A');
         const Section* found = section(key);
         if (!found)
-            throw InputError(name_, last_line_, "file ends without a [%s] section, expected it: %s", upper.c_str(), what);
+            throw InputError(name_, last_line_, "file ends without a [%s] section, expected it: %s", upper.c_str(),
+                             what);
         if (found->numbers.empty())
             throw InputError(name_, found->line, "[%s] has no entries, expected lines such as 1=2", upper.c_str());
         return *found;
@@ -235,11 +237,9 @@ private:
     {
         const std::string value = lower(text);
         for (const char* yes : {"true", "yes", "on", "1"})
-            if (value == yes)
-                return 1;
+            if (value == yes) return 1;
         for (const char* no : {"false", "no", "off", "0"})
-            if (value == no)
-                return 0;
+            if (value == no) return 0;
         return -1;
     }
 
@@ -254,21 +254,22 @@ private:
     void refuse_truncated()
     {
         std::string missing;
-        for (const char* key : {"weaving", "warp", "weft", "threading", "tieup", "treadling", "liftplan", "color table",
-                                "color palette", "warp colors", "weft colors", "warp spacing", "weft spacing",
-                                "warp thickness", "weft thickness"})
+        for (const char* key :
+             {"weaving", "warp", "weft", "threading", "tieup", "treadling", "liftplan", "color table", "color palette",
+              "warp colors", "weft colors", "warp spacing", "weft spacing", "warp thickness", "weft thickness"})
             if (promised(key) == 1 && !section(key))
                 missing += (missing.empty() ? "[" : ", [") + std::string(key) + "]";
-        if (missing.empty())
-            return;
+        if (missing.empty()) return;
         const Section& last = sections_[last_section_];
         const Entry* declared = word(last_section_ == "threading" ? "warp" : "weft", "threads");
         std::int64_t count = 0;
-        const bool threads = last_section_ == "threading" || last_section_ == "treadling" || last_section_ == "liftplan";
+        const bool threads =
+            last_section_ == "threading" || last_section_ == "treadling" || last_section_ == "liftplan";
         const bool stops_short = threads && declared && read_number(declared->value, count) && !last.numbers.empty() &&
                                  last.numbers.rbegin()->first < count;
         if (cut_ || stops_short)
-            throw InputError(name_, last_line_, "file ends inside [%s], without %s that [CONTENTS] announces: truncated",
+            throw InputError(name_, last_line_,
+                             "file ends inside [%s], without %s that [CONTENTS] announces: truncated",
                              shown(last_section_).c_str(), missing.c_str());
         warn("[CONTENTS] announces %s: not in the file", missing.c_str());
     }
@@ -279,14 +280,13 @@ private:
             const Entry* entry = word("weaving", key);
             std::int64_t value = 0;
             if (entry && (!read_number(entry->value, value) || value < 0))
-                throw InputError(name_, entry->line, "%s=%s, expected a whole number", key, shown(entry->value).c_str());
-            if (entry && std::string(key) == "shafts")
-                declared_shafts_ = value;
+                throw InputError(name_, entry->line, "%s=%s, expected a whole number", key,
+                                 shown(entry->value).c_str());
+            if (entry && std::string(key) == "shafts") declared_shafts_ = value;
         }
         const Entry* shed = word("weaving", "rising shed");
         const int rising = shed ? flag(shed->value) : -1;
-        if (rising < 0)
-            warn(shed ? "Rising Shed is neither yes nor no: taken as yes" : "no Rising Shed: taken as yes");
+        if (rising < 0) warn(shed ? "Rising Shed is neither yes nor no: taken as yes" : "no Rising Shed: taken as yes");
         rising_ = rising != 0;
     }
 
@@ -318,7 +318,8 @@ private:
             count = listed;
             warn("[%s] gives no number of threads: took %lld from [%s]", system, static_cast<long long>(count),
                  entries_name);
-        } else if (listed > 0 && listed <= count / 2 && count - listed >= surplus_threads && count <= wif_thread_limit) {
+        } else if (listed > 0 && listed <= count / 2 && count - listed >= surplus_threads &&
+                   count <= wif_thread_limit) {
             // Some programs declare their maximum (WeavePoint: 1200). A few threads on no shaft may be meant.
             warn("[%s] declares %lld threads and [%s] ends at %lld: the rest is left out", system,
                  static_cast<long long>(count), entries_name, static_cast<long long>(listed));
@@ -328,8 +329,8 @@ private:
                  static_cast<long long>(count));
         }
         if (count < 1 || count > wif_thread_limit)
-            throw InputError(name_, line, "%lld threads in [%s], expected 1 to %d", static_cast<long long>(count), system,
-                             wif_thread_limit);
+            throw InputError(name_, line, "%lld threads in [%s], expected 1 to %d", static_cast<long long>(count),
+                             system, wif_thread_limit);
         return static_cast<std::size_t>(count);
     }
 
@@ -338,8 +339,7 @@ private:
     {
         std::vector<int> list;
         for (const std::string& part : split(entry.value)) {
-            if (part.empty())
-                continue;
+            if (part.empty()) continue;
             std::int64_t value = 0;
             if (!read_number(part, value) || value < 0 || value > shaft_limit)
                 throw InputError(name_, entry.line, "%s \"%s\", expected whole numbers from 0 to %d", what,
@@ -356,8 +356,7 @@ private:
         std::size_t size = count;
         if (count == 0)
             for (const auto& [number, entry] : from.numbers)
-                if (number >= 1 && number <= shaft_limit)
-                    size = static_cast<std::size_t>(number);
+                if (number >= 1 && number <= shaft_limit) size = static_cast<std::size_t>(number);
         std::vector<std::vector<int>> out(size);
         for (const auto& [number, entry] : from.numbers)
             if (number >= 1 && number <= static_cast<std::int64_t>(size))
@@ -370,8 +369,7 @@ private:
         const auto shafts = lists(threading, "shaft", draft_.ends.size());
         auto raised = lists(picks, by_liftplan ? "shaft" : "treadle", draft_.picks.size());
         const bool sinking = !rising_ && !by_liftplan;
-        if (!rising_ && by_liftplan)
-            warn("Rising Shed=no: [LIFTPLAN] still names the shafts that are lifted");
+        if (!rising_ && by_liftplan) warn("Rising Shed=no: [LIFTPLAN] still names the shafts that are lifted");
         if (!by_liftplan) {
             const auto tieup = lists(*section("tieup"), "shaft", 0);
             std::size_t untied = 0;
@@ -387,21 +385,18 @@ private:
                 }
                 pick = std::move(union_of);
             }
-            if (untied > 0)
-                warn("%zu treadles in [TREADLING] that [TIEUP] does not tie: they move nothing", untied);
+            if (untied > 0) warn("%zu treadles in [TREADLING] that [TIEUP] does not tie: they move nothing", untied);
         }
 
         int highest = 0, unthreaded = 0;
         for (const auto& end : shafts) {
             unthreaded += end.empty() ? 1 : 0;
-            for (const int shaft : end)
-                highest = std::max(highest, shaft);
+            for (const int shaft : end) highest = std::max(highest, shaft);
         }
         if (declared_shafts_ > 0 && highest > declared_shafts_)
             warn("[THREADING] names shaft %d of %lld: taken as it stands", highest,
                  static_cast<long long>(declared_shafts_));
-        if (unthreaded > 0)
-            warn("%d ends on no shaft: the weft lies over them everywhere", unthreaded);
+        if (unthreaded > 0) warn("%d ends on no shaft: the weft lies over them everywhere", unthreaded);
 
         const std::size_t ends = draft_.ends.size();
         draft_.warp_up.assign(ends * draft_.picks.size(), 0);
@@ -409,12 +404,10 @@ private:
         for (std::size_t p = 0; p < draft_.picks.size(); ++p) {
             std::fill(moved.begin(), moved.end(), 0);
             for (const int shaft : raised[p])
-                if (shaft <= highest)
-                    moved[static_cast<std::size_t>(shaft)] = 1;
+                if (shaft <= highest) moved[static_cast<std::size_t>(shaft)] = 1;
             for (std::size_t e = 0; e < ends; ++e) {
                 bool any = false;
-                for (const int shaft : shafts[e])
-                    any = any || moved[static_cast<std::size_t>(shaft)];
+                for (const int shaft : shafts[e]) any = any || moved[static_cast<std::size_t>(shaft)];
                 draft_.warp_up[p * ends + e] = any != sinking && !shafts[e].empty() ? 1 : 0;
             }
         }
@@ -439,16 +432,15 @@ private:
         }
         int outside = 0, first_outside = 0;
         for (const auto& [number, entry] : table->numbers) {
-            if (number < 1 || number > colour_limit)
-                continue;
+            if (number < 1 || number > colour_limit) continue;
             const auto values = split(entry.value);
             glm::vec3 colour(0);
             for (std::size_t c = 0; c < 3; ++c) {
                 double value = 0;
                 if (c >= values.size() || !read_number(values[c], value) || !std::isfinite(value))
-                    throw InputError(name_, entry.line, "colour \"%s\", expected three numbers", shown(entry.value).c_str());
-                if (value < low || value > high)
-                    ++outside, first_outside = first_outside ? first_outside : entry.line;
+                    throw InputError(name_, entry.line, "colour \"%s\", expected three numbers",
+                                     shown(entry.value).c_str());
+                if (value < low || value > high) ++outside, first_outside = first_outside ? first_outside : entry.line;
                 const float unit = static_cast<float>(std::clamp((value - low) / (high - low), 0.0, 1.0));
                 colour[static_cast<int>(c)] = linear_from_srgb(unit);
             }
@@ -467,7 +459,8 @@ private:
     {
         std::int64_t value = 0;
         if (!read_number(split(entry.value)[0], value) || value < 1 ||
-            value > static_cast<std::int64_t>(has_colour_.size()) || !has_colour_[static_cast<std::size_t>(value - 1)]) {
+            value > static_cast<std::int64_t>(has_colour_.size()) ||
+            !has_colour_[static_cast<std::size_t>(value - 1)]) {
             ++bad_colours_;
             if (first_bad_colour_.empty())
                 first_bad_colour_ = "line " + std::to_string(entry.line) + ": " + shown(entry.value);
@@ -480,12 +473,9 @@ private:
     {
         const Entry* entry = word(system.c_str(), "units");
         const std::string unit = entry ? lower(entry->value) : "";
-        if (unit.rfind("inch", 0) == 0 || unit == "in")
-            return 0.0254;
-        if (unit.rfind("deci", 0) == 0)
-            return 0.0254 / 720;
-        if (unit.rfind("centim", 0) == 0 || unit == "cm")
-            return 0.01;
+        if (unit.rfind("inch", 0) == 0 || unit == "in") return 0.0254;
+        if (unit.rfind("deci", 0) == 0) return 0.0254 / 720;
+        if (unit.rfind("centim", 0) == 0 || unit == "cm") return 0.01;
         warn("[%s] %s: lengths taken as centimetres", system.c_str(),
              entry ? ("Units=" + shown(entry->value)).c_str() : "gives no Units");
         return 0.01;
@@ -495,8 +485,7 @@ private:
     float length(const Entry* entry, double unit_m)
     {
         double value = 0;
-        if (!entry)
-            return 0;
+        if (!entry) return 0;
         if (!read_number(entry->value, value) || !(value * unit_m >= 1e-6 && value * unit_m <= 0.1)) {
             ++bad_lengths_;
             if (first_bad_length_.empty())
@@ -518,11 +507,9 @@ private:
         DraftThread usual;
         usual.spacing_m = length(spacing, unit_m);
         usual.thickness_m = length(thickness, unit_m);
-        if (!spacing)
-            warn("[%s] gives no Spacing: the yarns' own is used", system.c_str());
+        if (!spacing) warn("[%s] gives no Spacing: the yarns' own is used", system.c_str());
         const Entry* colour = word(system.c_str(), "color");
-        if (colour && !draft_.colours.empty())
-            usual.colour = colour_index(*colour);
+        if (colour && !draft_.colours.empty()) usual.colour = colour_index(*colour);
         if (usual.colour < 0 && !draft_.colours.empty())
             usual.colour = static_cast<int>(std::find(has_colour_.begin(), has_colour_.end(), 1) - has_colour_.begin());
         std::fill(threads.begin(), threads.end(), usual);
@@ -534,18 +521,15 @@ private:
                         set(threads[static_cast<std::size_t>(number - 1)], entry);
         };
         each(spacings, [&](DraftThread& thread, const Entry& entry) {
-            if (const float m = length(&entry, unit_m); m > 0)
-                thread.spacing_m = m;
+            if (const float m = length(&entry, unit_m); m > 0) thread.spacing_m = m;
         });
         each(thicknesses, [&](DraftThread& thread, const Entry& entry) {
-            if (const float m = length(&entry, unit_m); m > 0)
-                thread.thickness_m = m;
+            if (const float m = length(&entry, unit_m); m > 0) thread.thickness_m = m;
         });
         std::size_t coloured = 0;
         each(section((system + " colors").c_str()), [&](DraftThread& thread, const Entry& entry) {
             ++coloured;
-            if (const int index = draft_.colours.empty() ? -1 : colour_index(entry); index >= 0)
-                thread.colour = index;
+            if (const int index = draft_.colours.empty() ? -1 : colour_index(entry); index >= 0) thread.colour = index;
         });
         if (!draft_.colours.empty() && coloured < threads.size() && !colour)
             warn("%zu of %zu threads of [%s] have no colour: took colour %d", threads.size() - coloured, threads.size(),
@@ -557,15 +541,14 @@ private:
         if (bad_colours_ > 0)
             warn("%d colours that the table does not hold (%s): replaced by the default", bad_colours_,
                  first_bad_colour_.c_str());
-        if (bad_lengths_ > 0)
-            warn("%d lengths out of bounds (%s): ignored", bad_lengths_, first_bad_length_.c_str());
+        if (bad_lengths_ > 0) warn("%d lengths out of bounds (%s): ignored", bad_lengths_, first_bad_length_.c_str());
     }
 
     std::string name_;
     std::map<std::string, Section> sections_;
     std::string last_section_;
     int last_line_ = 0;
-    bool cut_ = false;    // the last line has text and no line end
+    bool cut_ = false; // the last line has text and no line end
     bool rising_ = true;
     std::int64_t declared_shafts_ = 0;
     std::vector<char> has_colour_;
@@ -576,13 +559,15 @@ private:
 
 } // namespace
 
-Draft parse_wif(const std::string& text, const std::string& name) { return WifReader(text, name).read(); }
+Draft parse_wif(const std::string& text, const std::string& name)
+{
+    return WifReader(text, name).read();
+}
 
 Draft read_wif(const std::string& path)
 {
     const std::string text = read_file(path, file_limit);
-    if (text.empty())
-        throw InputError(path, 0, "empty file, expected a WIF draft");
+    if (text.empty()) throw InputError(path, 0, "empty file, expected a WIF draft");
     return parse_wif(text, path);
 }
 
@@ -594,51 +579,49 @@ std::string format_wif(const Draft& draft, const std::string& version)
     std::vector<std::vector<int>> lifts(picks);
     for (std::size_t e = 0; e < ends; ++e) {
         std::vector<char> column(picks);
-        for (std::size_t p = 0; p < picks; ++p)
-            column[p] = draft.warp_on_top(p, e) ? 1 : 0;
+        for (std::size_t p = 0; p < picks; ++p) column[p] = draft.warp_on_top(p, e) ? 1 : 0;
         const auto [place, is_new] = shaft_of.try_emplace(column, static_cast<int>(shaft_of.size()) + 1);
         threading.push_back(place->second);
         for (std::size_t p = 0; is_new && p < picks; ++p)
-            if (column[p])
-                lifts[p].push_back(place->second);
+            if (column[p]) lifts[p].push_back(place->second);
     }
     const bool colours = !draft.colours.empty();
 
     std::string out = "[WIF]\nVersion=1.1\nDate=April 20, 1997\nDevelopers=wif@mhsoft.com\nSource Program=selvedge\n";
-    out += "Source Version=" + version + "\n\n[CONTENTS]\nTEXT=true\nWEAVING=true\nWARP=true\nWEFT=true\nTHREADING=true\n"
+    out += "Source Version=" + version +
+           "\n\n[CONTENTS]\nTEXT=true\nWEAVING=true\nWARP=true\nWEFT=true\nTHREADING=true\n"
            "LIFTPLAN=true\n";
-    if (colours)
-        out += "COLOR PALETTE=true\nCOLOR TABLE=true\nWARP COLORS=true\nWEFT COLORS=true\n";
+    if (colours) out += "COLOR PALETTE=true\nCOLOR TABLE=true\nWARP COLORS=true\nWEFT COLORS=true\n";
     out += "WARP SPACING=true\nWEFT SPACING=true\nWARP THICKNESS=true\nWEFT THICKNESS=true\n";
     out += "\n[TEXT]\nTitle=" + shown(draft.title) + "\n";
     out += format_text("\n[WEAVING]\nShafts=%zu\nTreadles=0\nRising Shed=true\n", shaft_of.size());
-    out += format_text("\n[WARP]\nThreads=%zu\nUnits=centimeters\n\n[WEFT]\nThreads=%zu\nUnits=centimeters\n", ends, picks);
+    out += format_text("\n[WARP]\nThreads=%zu\nUnits=centimeters\n\n[WEFT]\nThreads=%zu\nUnits=centimeters\n", ends,
+                       picks);
 
     out += "\n[THREADING]\n";
-    for (std::size_t e = 0; e < ends; ++e)
-        out += format_text("%zu=%d\n", e + 1, threading[e]);
+    for (std::size_t e = 0; e < ends; ++e) out += format_text("%zu=%d\n", e + 1, threading[e]);
     out += "\n[LIFTPLAN]\n";
     for (std::size_t p = 0; p < picks; ++p) {
         out += format_text("%zu=", p + 1);
         std::sort(lifts[p].begin(), lifts[p].end());
-        for (std::size_t i = 0; i < lifts[p].size(); ++i)
-            out += format_text(i ? ",%d" : "%d", lifts[p][i]);
+        for (std::size_t i = 0; i < lifts[p].size(); ++i) out += format_text(i ? ",%d" : "%d", lifts[p][i]);
         out += lifts[p].empty() ? "0\n" : "\n";
     }
     if (colours) {
-        out += format_text("\n[COLOR PALETTE]\nEntries=%zu\nForm=RGB\nRange=0,255\n\n[COLOR TABLE]\n", draft.colours.size());
+        out += format_text("\n[COLOR PALETTE]\nEntries=%zu\nForm=RGB\nRange=0,255\n\n[COLOR TABLE]\n",
+                           draft.colours.size());
         for (std::size_t i = 0; i < draft.colours.size(); ++i) {
             const glm::vec3 c = draft.colours[i];
-            out += format_text("%zu=%ld,%ld,%ld\n", i + 1, std::lround(srgb_from_linear(c.x) * 255.0f),
-                               std::lround(srgb_from_linear(c.y) * 255.0f), std::lround(srgb_from_linear(c.z) * 255.0f));
+            out +=
+                format_text("%zu=%ld,%ld,%ld\n", i + 1, std::lround(srgb_from_linear(c.x) * 255.0f),
+                            std::lround(srgb_from_linear(c.y) * 255.0f), std::lround(srgb_from_linear(c.z) * 255.0f));
         }
     }
     const auto write_threads = [&](const char* system, const std::vector<DraftThread>& threads) {
         if (colours) {
             out += format_text("\n[%s COLORS]\n", system);
             for (std::size_t t = 0; t < threads.size(); ++t)
-                if (threads[t].colour >= 0)
-                    out += format_text("%zu=%d\n", t + 1, threads[t].colour + 1);
+                if (threads[t].colour >= 0) out += format_text("%zu=%d\n", t + 1, threads[t].colour + 1);
         }
         const auto lengths = [&](const char* what, float DraftThread::*member) {
             out += format_text("\n[%s %s]\n", system, what);

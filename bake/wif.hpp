@@ -5,7 +5,8 @@
 
 #include "draft.hpp"
 
-namespace selvedge {
+namespace selvedge
+{
 
 inline constexpr int wif_thread_limit = 10000; // ends or picks; more is refused before anything is allocated
 

@@ -7,6 +7,7 @@
 #include <cstdlib>
 #include <cstring>
 #include <filesystem>
+#include <fstream>
 #include <limits>
 #include <numbers>
 #include <unordered_map>
@@ -14,10 +15,12 @@
 #include <assimp/DefaultLogger.hpp>
 #include <assimp/Importer.hpp>
 #include <assimp/LogStream.hpp>
+#include <assimp/importerdesc.h>
 #include <assimp/postprocess.h>
 #include <assimp/scene.h>
 
 #include "bake/error.hpp"
+#include "reference/ply_file.hpp"
 
 #ifndef SELVEDGE_ASSETS_SOURCE
 #define SELVEDGE_ASSETS_SOURCE "assets"
@@ -149,12 +152,33 @@ private:
     Stream stream_;
 };
 
-// What the walk over the file's nodes gathers.
+// What a file gives.
 struct Gathered {
     SourceMesh mesh;
     VertexPool pool{mesh};
     std::size_t corners_without_uv = 0, corners_without_normal = 0;
+    std::size_t left_out = 0;      // points and lines
+    std::size_t complaints = 0;
+    std::string complaint;         // the first
+
+    std::uint32_t add_corner(glm::vec3 position, glm::vec3 normal, const glm::vec2* uv)
+    {
+        const float length = glm::length(normal);
+        normal = std::isfinite(length) && length > 1e-12f ? normal / length : glm::vec3(0.0f);
+        corners_without_normal += normal == glm::vec3(0.0f) ? 1 : 0;
+        const bool good = uv && std::isfinite(uv->x) && std::isfinite(uv->y);
+        corners_without_uv += good ? 0 : 1;
+        mesh.corner_uv.push_back(good ? *uv : glm::vec2(0.0f));
+        return pool.add(position, normal);
+    }
 };
+
+void check_position(const std::string& path, std::size_t vertex, glm::vec3 p)
+{
+    if (!is_finite(p) || std::max({std::abs(p.x), std::abs(p.y), std::abs(p.z)}) > position_limit)
+        throw InputError(path, 0, "vertex %zu: found position (%g, %g, %g), expected finite numbers up to %g", vertex, double(p.x),
+                         double(p.y), double(p.z), double(position_limit));
+}
 
 // Indices out of range would crash assimp's own steps, so they are looked at before any of those runs.
 void check_mesh(const std::string& path, const aiMesh& part)
@@ -167,12 +191,8 @@ void check_mesh(const std::string& path, const aiMesh& part)
                 throw InputError(path, 0, "face %u: found vertex index %d, expected 0 to %d", f, int(face.mIndices[k]),
                                  int(part.mNumVertices) - 1);
     }
-    for (unsigned v = 0; v < part.mNumVertices; ++v) {
-        const aiVector3D& p = part.mVertices[v];
-        if (!is_finite({p.x, p.y, p.z}) || std::max({std::abs(p.x), std::abs(p.y), std::abs(p.z)}) > position_limit)
-            throw InputError(path, 0, "vertex %u: found position (%g, %g, %g), expected finite numbers up to %g", v, double(p.x),
-                             double(p.y), double(p.z), double(position_limit));
-    }
+    for (unsigned v = 0; v < part.mNumVertices; ++v)
+        check_position(path, v, {part.mVertices[v].x, part.mVertices[v].y, part.mVertices[v].z});
 }
 
 void gather_part(Gathered& out, const aiMesh& part, const aiMatrix4x4& pose)
@@ -192,19 +212,11 @@ void gather_part(Gathered& out, const aiMesh& part, const aiMatrix4x4& pose)
             glm::vec3 normal(0.0f);
             if (part.HasNormals()) {
                 const aiVector3D n = normal_turn * part.mNormals[v];
-                const float length = std::sqrt(n.x * n.x + n.y * n.y + n.z * n.z);
-                if (std::isfinite(length) && length > 1e-12f) normal = glm::vec3(n.x, n.y, n.z) / length;
+                normal = {n.x, n.y, n.z};
             }
-            out.corners_without_normal += normal == glm::vec3(0.0f) ? 1 : 0;
             glm::vec2 uv(0.0f);
-            if (part.HasTextureCoords(0)) {
-                uv = {part.mTextureCoords[0][v].x, part.mTextureCoords[0][v].y};
-                if (!std::isfinite(uv.x) || !std::isfinite(uv.y)) uv = glm::vec2(0.0f), ++out.corners_without_uv;
-            } else {
-                ++out.corners_without_uv;
-            }
-            triangle[int(k)] = out.pool.add({p.x, p.y, p.z}, normal);
-            out.mesh.corner_uv.push_back(uv);
+            if (part.HasTextureCoords(0)) uv = {part.mTextureCoords[0][v].x, part.mTextureCoords[0][v].y};
+            triangle[int(k)] = out.add_corner({p.x, p.y, p.z}, normal, part.HasTextureCoords(0) ? &uv : nullptr);
         }
         out.mesh.triangles.push_back(triangle);
     }
@@ -217,6 +229,107 @@ void gather_node(Gathered& out, const aiScene& scene, const aiNode& node, const 
         if (node.mMeshes[m] < scene.mNumMeshes) gather_part(out, *scene.mMeshes[node.mMeshes[m]], pose);
     for (unsigned c = 0; c < node.mNumChildren && depth < 256; ++c)
         gather_node(out, scene, *node.mChildren[c], pose, depth + 1);
+}
+
+// Cuts a polygon into triangles by its ears, in the plane that it lies in most. A polygon that crosses itself gives a fan.
+//   corners  indices into `positions`;  calls add(a, b, c) with places in `corners`
+template <class Add> void cut_polygon(const std::vector<glm::vec3>& positions, const std::uint32_t* corners, std::uint32_t count, Add&& add)
+{
+    if (count == 3) return add(0u, 1u, 2u);
+    glm::dvec3 normal(0.0);   // Newell's sum
+    const glm::dvec3 origin = positions[corners[0]];
+    for (std::uint32_t k = 0; k < count; ++k)
+        normal += glm::cross(glm::dvec3(positions[corners[k]]) - origin, glm::dvec3(positions[corners[(k + 1) % count]]) - origin);
+    const auto turn = [&](std::uint32_t a, std::uint32_t b, std::uint32_t c) {
+        const glm::dvec3 p = positions[corners[a]];
+        return glm::dot(glm::cross(glm::dvec3(positions[corners[b]]) - p, glm::dvec3(positions[corners[c]]) - p), normal);
+    };
+    std::vector<std::uint32_t> left(count);
+    for (std::uint32_t k = 0; k < count; ++k) left[k] = k;
+    while (left.size() > 3) {
+        std::size_t ear = left.size();
+        for (std::size_t k = 0; k < left.size() && ear == left.size(); ++k) {
+            const std::uint32_t a = left[(k + left.size() - 1) % left.size()], b = left[k], c = left[(k + 1) % left.size()];
+            if (turn(a, b, c) <= 0.0) continue;
+            const bool empty = std::none_of(left.begin(), left.end(), [&](std::uint32_t p) {
+                return p != a && p != b && p != c && turn(a, b, p) >= 0.0 && turn(b, c, p) >= 0.0 && turn(c, a, p) >= 0.0;
+            });
+            if (empty) ear = k;
+        }
+        if (ear == left.size()) ear = 1;
+        add(left[(ear + left.size() - 1) % left.size()], left[ear], left[(ear + 1) % left.size()]);
+        left.erase(left.begin() + std::ptrdiff_t(ear));
+    }
+    add(left[0], left[1], left[2]);
+}
+
+constexpr std::uint32_t polygon_limit = 4096;   // corners: cutting takes their number cubed at worst
+
+void gather_ply(Gathered& out, const std::string& path)
+{
+    const PlyFile file = read_ply(path);
+    for (std::size_t v = 0; v < file.positions.size(); ++v) check_position(path, v, file.positions[v]);
+    std::size_t first = 0;
+    for (std::size_t f = 0; f < file.face_sizes.size(); first += file.face_sizes[f++]) {
+        const std::uint32_t count = file.face_sizes[f];
+        if (count < 3) {
+            ++out.left_out;
+            continue;
+        }
+        if (count > polygon_limit) throw InputError(path, 0, "face %zu: found %u corners, expected at most %u", f, count, polygon_limit);
+        const std::uint32_t* corners = file.corners.data() + first;
+        cut_polygon(file.positions, corners, count, [&](std::uint32_t a, std::uint32_t b, std::uint32_t c) {
+            glm::uvec3 triangle;
+            const std::uint32_t places[3] = {a, b, c};
+            for (int k = 0; k < 3; ++k) {
+                const std::uint32_t v = corners[places[k]];
+                const glm::vec2* uv = !file.corner_uv.empty() ? &file.corner_uv[first + places[k]] : !file.uv.empty() ? &file.uv[v] : nullptr;
+                triangle[k] = out.add_corner(file.positions[v], file.normals.empty() ? glm::vec3(0.0f) : file.normals[v], uv);
+            }
+            out.mesh.triangles.push_back(triangle);
+        });
+    }
+}
+
+// A chunk that claims more than the file holds makes assimp allocate that much before it looks.
+void check_glb(const std::string& path)
+{
+    std::ifstream file(path, std::ios::binary);
+    std::array<unsigned char, 20> head{};
+    file.read(reinterpret_cast<char*>(head.data()), std::streamsize(head.size()));
+    const auto word = [&](std::size_t at) {
+        return std::uint64_t(head[at]) | std::uint64_t(head[at + 1]) << 8 | std::uint64_t(head[at + 2]) << 16 | std::uint64_t(head[at + 3]) << 24;
+    };
+    std::error_code code;
+    const std::uint64_t size = std::filesystem::file_size(path, code);
+    if (!file || word(0) != 0x46546c67) throw InputError(path, 0, "found another kind of file, expected a binary glTF");
+    if (word(8) > size || word(12) > size - 20)
+        throw InputError(path, 0, "truncated: found %llu bytes, expected %llu", static_cast<unsigned long long>(size),
+                         static_cast<unsigned long long>(std::max(word(8), word(12) + 20)));
+}
+
+// OBJ, GLB, GLTF.
+void gather_file(Gathered& out, const std::string& path, const std::string& extension)
+{
+    if (extension == ".glb") check_glb(path);
+    const Complaints complaints;
+    Assimp::Importer importer;
+    // Only the formats that are asked for: assimp would guess others from the contents.
+    for (std::size_t k = importer.GetImporterCount(); k-- > 0;) {
+        const std::string known = std::string(" ") + importer.GetImporterInfo(k)->mFileExtensions + " ";
+        if (known.find(" " + extension.substr(1) + " ") == std::string::npos) importer.UnregisterLoader(importer.GetImporter(k));
+    }
+    const aiScene* scene = importer.ReadFile(path, 0);
+    if (!scene) throw InputError(path, 0, "found a broken mesh file (%s)", one_line(importer.GetErrorString()).c_str());
+    for (unsigned m = 0; m < scene->mNumMeshes; ++m) {
+        check_mesh(path, *scene->mMeshes[m]);
+        for (unsigned f = 0; f < scene->mMeshes[m]->mNumFaces; ++f) out.left_out += scene->mMeshes[m]->mFaces[f].mNumIndices < 3 ? 1 : 0;
+    }
+    scene = importer.ApplyPostProcessing(aiProcess_Triangulate);
+    if (!scene) throw InputError(path, 0, "found polygons that cannot be cut into triangles");
+    if (scene->mRootNode) gather_node(out, *scene, *scene->mRootNode, aiMatrix4x4(), 0);
+    out.complaints = complaints.count();
+    out.complaint = complaints.first();
 }
 
 // Area of a triangle in UV, signed.
@@ -347,34 +460,25 @@ SourceMesh load_mesh(const std::string& path, bool needs_uv, std::vector<std::st
     if (extension != ".obj" && extension != ".ply" && extension != ".glb" && extension != ".gltf")
         throw InputError(path, 0, "found \"%s\", expected a mesh that ends in .obj, .ply, .glb or .gltf", extension.c_str());
 
-    const Complaints complaints;
-    Assimp::Importer importer;
-    const aiScene* scene = importer.ReadFile(path, 0);
-    if (!scene) throw InputError(path, 0, "found a broken mesh file (%s)", one_line(importer.GetErrorString()).c_str());
-    for (unsigned m = 0; m < scene->mNumMeshes; ++m) check_mesh(path, *scene->mMeshes[m]);
-    std::size_t left_out = 0;
-    for (unsigned m = 0; m < scene->mNumMeshes; ++m)
-        for (unsigned f = 0; f < scene->mMeshes[m]->mNumFaces; ++f)
-            left_out += scene->mMeshes[m]->mFaces[f].mNumIndices < 3 ? 1 : 0;
-    scene = importer.ApplyPostProcessing(aiProcess_Triangulate);
-    if (!scene) throw InputError(path, 0, "found polygons that cannot be cut into triangles");
-
     Gathered gathered;
-    if (scene->mRootNode) gather_node(gathered, *scene, *scene->mRootNode, aiMatrix4x4(), 0);
+    if (extension == ".ply")
+        gather_ply(gathered, path);
+    else
+        gather_file(gathered, path, extension);
     SourceMesh& mesh = gathered.mesh;
     if (mesh.triangles.empty()) {
-        const std::string why = complaints.count() > 0 ? " (" + complaints.first() + ")" : "";
-        if (left_out > 0)
-            throw InputError(path, 0, "found only %zu points or lines%s, expected triangles or polygons", left_out, why.c_str());
+        const std::string why = gathered.complaints > 0 ? " (" + gathered.complaint + ")" : "";
+        if (gathered.left_out > 0)
+            throw InputError(path, 0, "found only %zu points or lines%s, expected triangles or polygons", gathered.left_out, why.c_str());
         throw InputError(path, 0, "found no faces%s, expected triangles or polygons", why.c_str());
     }
-    if (complaints.count() > 0)
-        warnings.push_back(format_text("%s: %s%s", path.c_str(), complaints.first().c_str(),
-                                       complaints.count() > 1 ? format_text(" (and %zu more complaints)", complaints.count() - 1).c_str() : ""));
     if (mesh.triangles.size() > triangle_limit)
         throw InputError(path, 0, "found %zu triangles, expected at most %zu", mesh.triangles.size(), triangle_limit);
-    if (left_out > 0)
-        warnings.push_back(format_text("%s: %zu points or lines left out", path.c_str(), left_out));
+    if (gathered.complaints > 0)
+        warnings.push_back(format_text("%s: %s%s", path.c_str(), gathered.complaint.c_str(),
+                                       gathered.complaints > 1 ? format_text(" (and %zu more complaints)", gathered.complaints - 1).c_str() : ""));
+    if (gathered.left_out > 0)
+        warnings.push_back(format_text("%s: %zu points or lines left out", path.c_str(), gathered.left_out));
     if (gathered.corners_without_normal > 0) {
         if (gathered.corners_without_normal < 3 * mesh.triangles.size())
             warnings.push_back(format_text("%s: %zu of %zu corners without a normal; made from the faces", path.c_str(),

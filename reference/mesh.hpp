@@ -1,5 +1,5 @@
 // Meshes as they come from files and built-in shapes, and their placing in the world. The scene loader includes it.
-// mesh.cpp is the only file that includes assimp.
+// mesh.cpp is the only file that includes assimp, which reads OBJ and glTF; PLY is read by ply_file.hpp.
 #pragma once
 
 #include <string>

@@ -379,9 +379,9 @@ int run(int argc, char** argv)
     Scene scene;
     arena.execute([&] { scene = load_scene(options.scene, options.overrides); });
     scene.settings = options.settings;
+    settings_of(options, scene);   // a wrong --region is told before the tree is built
     if (!options.quiet)
         for (const std::string& warning : scene.warnings) std::fprintf(stderr, "%s: warning: %s\n", program, warning.c_str());
-    settings_of(options, scene);   // a wrong --region is told before the tree is built
 
     const auto build_start = Clock::now();
     const RayScene rays(scene);

@@ -9,6 +9,7 @@ import os
 import pathlib
 import subprocess
 import sys
+import time
 
 ROOT = pathlib.Path(__file__).resolve().parents[1]
 BIN = pathlib.Path(os.environ.get("SELVEDGE_BIN", ROOT / "build" / "bin"))
@@ -36,6 +37,15 @@ def cpu():
     return f"{name}, {len(os.sched_getaffinity(0))} cores"
 
 
+def other_load():
+    """How many threads of other programs want a processor, on average over one second; 0 on an idle machine."""
+    counts = []
+    for _ in range(20):
+        counts.append(int(pathlib.Path("/proc/loadavg").read_text().split()[3].split("/")[0]) - 1)
+        time.sleep(.05)
+    return sum(counts) / len(counts)
+
+
 def git():
     done = subprocess.run(["git", "-C", ROOT, "describe", "--always", "--dirty"], capture_output=True, text=True)
     return done.stdout.strip() if done.returncode == 0 else "unknown"
@@ -50,15 +60,16 @@ def run_program(program, *arguments, allowed=(0,), timeout=1800):
     return json.loads(done.stdout)
 
 
-def write(suite, figures, curves, *, out, gl="", axes=("", ""), groups=None, **more):
+def write(suite, figures, curves, *, out, load, gl="", axes=("", ""), groups=None, **more):
     """Writes OUT/SUITE.json whole or not at all, one SVG for each curve and one for each group, and prints the table.
 
     curves  {name: [[x, y, low, high], ...]}; axes: their labels, both logarithmic
+    load    other_load() before the suite's first measurement
     groups  {plot name: [curve name, ...]}: curves that belong on one sheet
     more    further fields of the report"""
     report = {"schema": SCHEMA, "suite": suite, "git": git(), "cpu": cpu(), "gl": gl,
               "date": datetime.datetime.now(datetime.timezone.utc).isoformat(timespec="seconds"), "figures": figures, "curves": curves}
-    report |= {"groups": groups or {}, "axes": list(axes)} | more
+    report |= {"groups": groups or {}, "axes": list(axes), "other_load": load} | more
     out = pathlib.Path(out)
     out.mkdir(parents=True, exist_ok=True)
     for name, members in ({name: [name] for name in curves} | (groups or {})).items():
@@ -110,6 +121,11 @@ def draw(path, curves, axes, title):
     beside.replace(path)
 
 
+def busy(report):
+    """A warning in words where the machine had other work to do."""
+    return f"; the machine was busy with {report['other_load']:.1f} other threads, times are too long" if report["other_load"] >= .5 else ""
+
+
 def shown(value):
     if value is None:
         return "-"
@@ -127,7 +143,7 @@ def rows(report):
 def print_table(report):
     table = [("figure", "value", "target", "", "note"), *rows(report)]
     widths = [max(len(row[column]) for row in table) for column in range(4)]
-    print(f"{report['suite']}: {report['cpu']}" + (f"; {report['gl']}" if report["gl"] else ""))
+    print(f"{report['suite']}: {report['cpu']}" + (f"; {report['gl']}" if report["gl"] else "") + busy(report))
     for row in table:
         print("  " + "  ".join([*(cell.ljust(width) for cell, width in zip(row, widths)), row[4]]).rstrip())
 
@@ -146,7 +162,8 @@ render of its own from the first sample on, with a seed of its own; the seconds 
 loading, baking, building the BVH and compiling shaders. The error is relMSE, mean of (a-b)²/(b²+0.01), against a long render by the
 reference with another seed, less the part that this long render's own variance layer accounts for; so the figure is that against the
 noiseless image. Passes over all sample counts are repeated, preview and reference in turn; line: median, band: lowest and highest.
-Seconds to an error are interpolated between neighbouring points in the logarithms of both.""",
+Seconds to an error are interpolated between neighbouring points in the logarithms of both; *extrapolated* says that the series' time
+ran out above the error, and that the last points' slope and cost per sample were carried on, 32-fold at most.""",
 }
 
 
@@ -157,7 +174,8 @@ def document(reports):
         suite = report["suite"]
         text += f"\n## {suite}\n\n" + (METHODS[suite] + "\n\n" if suite in METHODS else "")
         text += f"{report['date'][:10]}, revision {report['git']}, {report['cpu']}" + (f", {report['gl']}" if report["gl"] else "")
-        text += ", short form (`--quick`)" * bool(report.get("quick")) + ".\n\n"
+        text += ", short form (`--quick`)" * bool(report.get("quick"))
+        text += busy(report) + ".\n\n"
         text += "| figure | value | target | | runs | note |\n| --- | ---: | ---: | --- | ---: | --- |\n"
         for (name, value, target, verdict, note), entry in zip(rows(report), report["figures"].values()):
             text += f"| `{name}` | {value} | {target} | {verdict} | {entry['runs']} | {note.replace('|', '/')} |\n"

@@ -38,6 +38,15 @@ def pytest_runtest_makereport(item, call):
     return report
 
 
+@pytest.hookimpl(wrapper=True)
+def pytest_make_collect_report(collector):
+    report = yield
+    if report.skipped:
+        report.outcome = "failed"
+        report.longrepr = f"{collector.nodeid}: skipped as a whole, which counts as failed"
+    return report
+
+
 @pytest.hookimpl(trylast=True)
 def pytest_sessionfinish(session, exitstatus):
     chosen = session.config.option.keyword or session.config.option.collectonly or session.config.option.file_or_dir != ["tests"]

@@ -22,7 +22,7 @@ class Function:
     tables: bool = False      # reads maps or lights
     exact: bool = False       # all bits agree
     slack: Callable = None    # xs -> rounding of the stable form itself, in units in the last place of 1
-    loose: float = 0.02       # share of inputs that may need the allowance for ill-conditioned inputs
+    loose: float = 0.005      # share of inputs that may need the allowance for ill-conditioned inputs
 
 
 FUNCTIONS = {}
@@ -225,7 +225,7 @@ def _():
     return inputs, lambda xs: oracle.sggx_d_antiparallel(xs[:, :3], xs[:, 3:6], xs[:, 6])
 
 
-@function("sggx_d_half", why="where i + o nearly vanishes, i and o rounded to float name another half vector [2.4]")
+@function("sggx_d_half", strict=True)
 def _():
     def inputs(rng):
         o = sphere(rng, N)
@@ -280,13 +280,12 @@ def _():
     return slab_inputs, lambda xs: oracle.slab_reflect(*xs.T)
 
 
-@function("slab_transmit", floor=1e-20, loose=0.1,
-          why="exp(-x) carries x roundings of its argument, and x goes to 80: 1e-5; |Li - Lo| of large depths loses digits")
+@function("slab_transmit", floor=1e-20, strict=True)
 def _():
     return slab_inputs, lambda xs: oracle.slab_transmit(*xs.T)
 
 
-@function("diffuse", why="the clamped cosine of a nearly perpendicular direction is a difference of products")
+@function("diffuse", strict=True)
 def _():
     def inputs(rng):
         i = viewer(rng, N)
@@ -308,7 +307,7 @@ def split_point(xs):
     return oracle.Point(xs[:, :11], xs[:, 11:28])
 
 
-@function("point_value", floor=1e-7, loose=0.25, why="cosines about a tilted normal are differences of products, and exponents carry Lambda's rounding")
+@function("point_value", floor=1e-7, strict=True)
 def _():
     return point_inputs, lambda xs: oracle.point_value(split_point(xs), xs[:, 28:31], xs[:, 31:34])
 
@@ -318,7 +317,7 @@ def _():
     return lambda rng: yarns(rng, N), lambda xs: oracle.lobe_weights(oracle.Point(np.ones((len(xs), 11)), xs))
 
 
-@function("point_pdf", floor=1e-7, loose=0.05, why="as sggx_d_half and diffuse")
+@function("point_pdf", floor=1e-7, strict=True)
 def _():
     return point_inputs, lambda xs: oracle.point_pdf(split_point(xs), xs[:, 28:31], xs[:, 31:34])
 
@@ -338,7 +337,8 @@ def sample_slack(xs):
     return np.c_[turn, turn, turn, turn * pdf * 4 / low]
 
 
-@function("point_sample", groups=(3, 1), floor=1e-7, loose=0.3, slack=sample_slack, why="as sggx_sample_vndf; the pdf is that of a slightly different direction")
+@function("point_sample", groups=(3, 1), floor=1e-7, loose=0.02, slack=sample_slack,
+          why="as sggx_sample_vndf; the pdf is that of a slightly different direction")
 def _():
     def inputs(rng):
         return np.c_[points(rng, N), yarns(rng, N), viewer(rng, N), units(rng, N, 4)]
@@ -359,7 +359,7 @@ def _():
     return inputs, lambda xs: oracle.horizon_azimuth(xs)
 
 
-@function("horizon_step", floor=1.0, why="for a horizon near 0 the step is as narrow as the horizon is high")
+@function("horizon_step", floor=1.0, strict=True)
 def _():
     def inputs(rng):
         s = np.r_[0, 0, 0, 1, 1, 1e-9, rng.integers(0, 256, N) / 255]
@@ -368,7 +368,7 @@ def _():
     return inputs, lambda xs: oracle.horizon_step(xs[:, 0], xs[:, 1])
 
 
-@function("horizon_visibility", floor=1.0, loose=0.05, why="as horizon_step; azimuth at a knot")
+@function("horizon_visibility", floor=1.0, strict=True)
 def _():
     def inputs(rng):
         k = np.minimum(rng.exponential(60, (N, 4, 8)), 255).astype(np.uint64)
@@ -435,14 +435,14 @@ def footprints(rng, n):
     return np.c_[rng.uniform(-2, 2, (n, 2)), rng.normal(size=(n, 4)) * 10 ** rng.uniform(-4, 1, (n, 1))]
 
 
-@function("area_from_mips", tables=True, loose=0.05, why="a footprint at the edge between two mip levels belongs to either; o.z less the slopes cancels")
+@function("area_from_mips", tables=True, loose=0.005, why="a footprint at the edge between two mip levels belongs to either; o.z less the slopes cancels")
 def _():
     def inputs(rng):
         return np.c_[rng.integers(0, 2, N), footprints(rng, N), viewer(rng, N)]
     return inputs, lambda xs: np.array([MAPS.area_from_mips(int(x[0]), x[1:3], x[3:5], x[5:7], x[7:10]) for x in xs])
 
 
-@function("select", tables=True, groups=(1, 1, 3, 3, 3, 1, 1, 2, 1, 1, 1), loose=0.05, why="a choice at its edge falls either way")
+@function("select", tables=True, groups=(1, 1, 3, 3, 3, 1, 1, 2, 1, 1, 1), loose=0.005, why="a choice at its edge falls either way")
 def _():
     def inputs(rng):
         n = 1500
@@ -455,7 +455,7 @@ def _():
     return inputs, expect
 
 
-@function("passes", tables=True, loose=0.01, why="a choice at its edge falls either way")
+@function("passes", tables=True, loose=0.005, why="a choice at its edge falls either way")
 def _():
     def inputs(rng):
         d = viewer(rng, N) * np.where(rng.random((N, 1)) < 0.5, 1, -1)
@@ -496,7 +496,7 @@ def triangles(rng, n, spread=1.0):
     return np.c_[p.reshape(n, 9), normals.reshape(n, 9), rng.uniform(-3, 3, (n, 6))]
 
 
-@function("barycentric", groups=(2,), floor=1.0, loose=0.05, why="slivers: the area is a difference of products")
+@function("barycentric", groups=(2,), floor=1.0, loose=0.005, why="slivers: the area is a difference of products")
 def _():
     def inputs(rng):
         xs = np.c_[triangles(rng, N), rng.normal(size=(N, 3))]
@@ -505,7 +505,7 @@ def _():
     return inputs, lambda xs: oracle.barycentric(xs[:, :3], xs[:, 3:6], xs[:, 6:9], xs[:, 24:27])
 
 
-@function("uv_frame", groups=(3, 3, 3), floor=1.0, loose=0.1, why="slivers in space or UV: directions are differences of products")
+@function("uv_frame", groups=(3, 3, 3), floor=1.0, loose=0.005, why="slivers in space or UV: directions are differences of products")
 def _():
     def inputs(rng):
         t = triangles(rng, N)
@@ -527,7 +527,7 @@ def _():
     return inputs, expect
 
 
-@function("surface", groups=(3, 3, 3, 3, 3, 3, 2, 2, 2, 1), floor=1.0, loose=0.2, why="slivers and grazing rays")
+@function("surface", groups=(3, 3, 3, 3, 3, 3, 2, 2, 2, 1), floor=1.0, loose=0.005, why="slivers and grazing rays")
 def _():
     def inputs(rng):
         t = triangles(rng, N)
@@ -585,7 +585,7 @@ def _():
     return lambda rng: np.c_[units(rng, N, 2), rng.uniform(-7, 7, N)], lambda xs: oracle.environment_direction(xs[:, :2], xs[:, 2])
 
 
-@function("environment_uv", floor=1.0, loose=0.01, why="u jumps at its seam")
+@function("environment_uv", floor=1.0, loose=0.005, why="u jumps at its seam")
 def _():
     def inputs(rng):
         d = sphere(rng, N)
@@ -600,7 +600,7 @@ def environment_slack(xs):
     return np.c_[rounding, np.zeros(len(xs))]
 
 
-@function("environment", tables=True, floor=1e-3, loose=0.1, slack=environment_slack,
+@function("environment", tables=True, floor=1e-3, loose=0.02, slack=environment_slack,
           why="the pdf jumps at texel edges; near the poles an azimuth is no longer told by x and z; GLSL's atan is approximate")
 def _():
     def inputs(rng):
@@ -632,7 +632,7 @@ def light_slack(xs):
     return np.where(xs[:, :1] == 0, np.c_[np.zeros((len(xs), 4)), environment_slack(xs)], 0)
 
 
-@function("light_sample", tables=True, groups=(3, 1, 3, 1), loose=0.15, slack=light_slack, why="as environment; cones and penumbrae are differences of cosines near 1")
+@function("light_sample", tables=True, groups=(3, 1, 3, 1), loose=0.005, slack=light_slack, why="as environment; cones and penumbrae are differences of cosines near 1")
 def _():
     def expect(xs):
         out = no_light(len(xs))
@@ -677,7 +677,7 @@ def _():
     return lambda rng: light_inputs(rng, False), expect
 
 
-@function("light_hit", tables=True, groups=(3, 1, 3, 1), loose=0.15, slack=light_slack, why="as environment; rectangles have edges, and grazing ones are far")
+@function("light_hit", tables=True, groups=(3, 1, 3, 1), loose=0.005, slack=light_slack, why="as environment; rectangles have edges, and grazing ones are far")
 def _():
     def expect(xs):
         out = no_light(len(xs))
@@ -697,7 +697,7 @@ def _():
     return lambda rng: light_inputs(rng, True), expect
 
 
-@function("choose_light", tables=True, floor=1.0, loose=0.01, why="a choice at its edge falls either way")
+@function("choose_light", tables=True, floor=1.0, loose=0.005, why="a choice at its edge falls either way")
 def _():
     def expect(xs):
         pmf = TABLES.lights[:, 1].astype("f8")
@@ -715,7 +715,7 @@ def colours(rng):
     return c
 
 
-@function("tone_neutral", floor=1e-5, groups=(3,), loose=0.02, why="dark colours: x - x^2 / .16 cancels near .16; g near 0")
+@function("tone_neutral", floor=1e-5, groups=(3,), strict=True)
 def _():
     return colours, oracle.tone_neutral
 
@@ -725,7 +725,7 @@ def _():
     return lambda rng: np.r_[[[0, 0.0031308, 0.0031309], [1, 1e-9, 0.5]], rng.random((N, 3))], oracle.srgb
 
 
-@function("display", groups=(3,), floor=1e-4, loose=0.02, why="as tone_neutral")
+@function("display", groups=(3,), floor=1e-4, strict=True)
 def _():
     def expect(xs):
         return oracle.srgb(oracle.tone_neutral(np.maximum(xs[:, :3], 0) * 2.0 ** xs[:, 3:]))
@@ -736,7 +736,7 @@ def _():
     return inputs, expect
 
 
-@function("relmse_term", loose=0.1, why="the difference of two nearly equal images cancels; it is exact on the rounded values")
+@function("relmse_term", strict=True)
 def _():
     def inputs(rng):
         b = 10 ** rng.uniform(-4, 3, N)

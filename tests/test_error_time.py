@@ -125,6 +125,12 @@ def test_seconds_are_interpolated_in_logarithms(points, target, seconds):
     assert (note == "") == (seconds == 10)
 
 
+def test_a_busy_machine_is_named():
+    assert bench_report.busy({"other_load": 0.1}) == ""
+    assert "2.0 other threads" in bench_report.busy({"other_load": 2.0})
+    assert bench_report.other_load() >= 0
+
+
 def test_targets_know_better_from_worse():
     assert bench_report.met(bench_report.figure(3, "s", "lower", target=4)) is True
     assert bench_report.met(bench_report.figure(3, "x", "higher", target=4)) is False

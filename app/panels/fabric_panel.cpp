@@ -37,7 +37,8 @@ static void draw_yarn(YarnSpec& yarn, bool& shading, bool& geometry)
 {
     for (const YarnParam& row : yarn_params) {
         const bool wide = row.low > 0 && row.high > 50 * row.low;
-        const bool moved = ImGui::SliderFloat(row.key, &(yarn.*row.member), row.low, row.high, wide ? "%.3g" : "%.3f",
+        // ImGui takes the finest step of a logarithmic slider from the digits of its format.
+        const bool moved = ImGui::SliderFloat(row.key, &(yarn.*row.member), row.low, row.high, row.low < 0.001f && wide ? "%.6f" : "%.3f",
                                               (wide ? ImGuiSliderFlags_Logarithmic : 0) | ImGuiSliderFlags_AlwaysClamp);
         if (ImGui::IsItemHovered()) ImGui::SetTooltip("%s [%s]", row.help, row.unit);
         // A bake is asked for when the slider is let go.

@@ -105,9 +105,9 @@ def write_half_exr(path, pixels):
 
 def main():
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--toward-sun", type=float, nargs=3, default=(-0.80, 0.51, -0.31), metavar=("X", "Y", "Z"))
+    parser.add_argument("--toward-sun", type=float, nargs=3, default=(-0.80, 0.50, -0.31), metavar=("X", "Y", "Z"))
     parser.add_argument("--turbidity", type=float, default=3.5, help="2 very clear .. 6 haze")
-    parser.add_argument("--ground-albedo", type=float, default=0.38, help="of the lower half of the map")
+    parser.add_argument("--ground-albedo", type=float, default=0.17, help="of the lower half of the map")
     parser.add_argument("--width", type=int, default=256)
     parser.add_argument("-o", "--out", type=pathlib.Path, default=HERE / "sky.exr")
     options = parser.parse_args()

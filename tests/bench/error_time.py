@@ -171,6 +171,7 @@ def parse_options():
 def main():
     options = parse_options()
     figures, curves, groups, details = {}, {}, {}, {}
+    load = bench_report.other_load()
     with tempfile.TemporaryDirectory(prefix="selvedge-bench-") as folder:
         for scene in options.scene:
             name = pathlib.Path(scene).stem
@@ -181,7 +182,7 @@ def main():
             for series in both:
                 curves[f"{name}.{series.renderer}"] = series.curve()
                 details[f"{name}.{series.renderer}"] = series.details
-    bench_report.write("error-time", figures, curves, out=options.out, gl=options.gl, groups=groups, axes=("seconds", "relMSE"),
+    bench_report.write("error-time", figures, curves, out=options.out, load=load, gl=options.gl, groups=groups, axes=("seconds", "relMSE"),
                        quick=options.quick, resolution=options.resolution, runs=details)
 
 

@@ -20,7 +20,8 @@
 
 using namespace selvedge;
 
-namespace {
+namespace
+{
 
 constexpr float pi = 3.14159265358979f;
 
@@ -46,8 +47,7 @@ PlyModel straight_tube(float tile_m, float radius_m, float aspect)
     PlyTube tube;
     tube.aspect = aspect;
     tube.warp = true;
-    for (int i = 0; i <= 8; ++i)
-        tube.points.push_back({{tile_m / 2, tile_m * static_cast<float>(i) / 8, 0}, radius_m});
+    for (int i = 0; i <= 8; ++i) tube.points.push_back({{tile_m / 2, tile_m * static_cast<float>(i) / 8, 0}, radius_m});
     return {glm::vec2(tile_m), {tube}};
 }
 
@@ -56,7 +56,7 @@ float visible_area(const PackedFabric& fabric, int side, float degrees)
 {
     const PackedSide& packed = fabric.side[side];
     const HeightField field{fabric.size, fabric.tile_m, &packed.heights_m};
-    const float highest = *std::max_element(packed.heights_m.begin(), packed.heights_m.end());
+    const glm::vec2 range_m = height_range(field);
     const float z = std::cos(degrees * pi / 180), r = std::sin(degrees * pi / 180);
     double sum = 0;
     int count = 0;
@@ -64,18 +64,21 @@ float visible_area(const PackedFabric& fabric, int side, float degrees)
         const float azimuth = 2 * pi * (static_cast<float>(a) + 0.3f) / 8;
         for (int y = a % 3; y < fabric.size.y; y += 3)
             for (int x = a % 4; x < fabric.size.x; x += 4, ++count) {
-                const glm::vec2 slope = unpack_texel(packed.texels[static_cast<std::size_t>(y * fabric.size.x + x)]).slope;
+                const glm::vec2 slope =
+                    unpack_texel(packed.texels[static_cast<std::size_t>(y * fabric.size.x + x)]).slope;
                 const float area = z - r * (std::cos(azimuth) * slope.x + std::sin(azimuth) * slope.y);
-                if (area > 0 && z > march_horizon(field, highest, glm::vec2(x, y) + 0.5f, azimuth))
+                if (area > 0 && z > march_horizon(field, range_m, glm::vec2(x, y) + 0.5f, azimuth))
                     sum += static_cast<double>(area / z);
             }
     }
     return static_cast<float>(sum / count);
 }
 
-class CacheFolder {
-public:
-    CacheFolder() : path((std::filesystem::temp_directory_path() / ("selvedge-cache-" + std::to_string(::getpid()))).string())
+class CacheFolder
+{
+  public:
+    CacheFolder()
+        : path((std::filesystem::temp_directory_path() / ("selvedge-cache-" + std::to_string(::getpid()))).string())
     {
         std::filesystem::remove_all(path);
         ::setenv("SELVEDGE_CACHE", path.c_str(), 1);
@@ -130,8 +133,7 @@ TEST_CASE("texels keep what is packed into them")
     const float knots[8] = {0, 0.1f, 0.2f, 0.4f, 0.6f, 0.8f, 1, 2};
     float again[8];
     unpack_knots(pack_knots(knots), again);
-    for (int k = 0; k < 8; ++k)
-        CHECK(again[k] == Approx(std::min(knots[k], 1.0f)).margin(0.5 / 255 + 1e-6));
+    for (int k = 0; k < 8; ++k) CHECK(again[k] == Approx(std::min(knots[k], 1.0f)).margin(0.5 / 255 + 1e-6));
     CHECK((pack_knots(knots).x & 255u) == 0u); // knot 0 is the lowest byte
 }
 
@@ -152,8 +154,7 @@ TEST_CASE("a straight tube projects to its circle, front and back")
                 CHECK(std::abs(side.slope[i].y) < 1e-3f);
             }
         }
-        for (const SideMaps& side : maps.side)
-            CHECK(side.azimuth[i] == Approx(pi / 2).margin(1e-4));
+        for (const SideMaps& side : maps.side) CHECK(side.azimuth[i] == Approx(pi / 2).margin(1e-4));
     }
     CHECK(gaps / 128.0 == Approx(0.4).margin(1.01 / 128)); // 1 - 2 r / p
 }
@@ -166,17 +167,18 @@ TEST_CASE("light through parallel cylinders ends where their silhouettes meet")
         const float z = std::cos(degrees * pi / 180);
         int clear = 0;
         for (int x = 0; x < 512; ++x) {
-            if (!maps.gap[static_cast<std::size_t>(x)])
-                continue;
+            if (!maps.gap[static_cast<std::size_t>(x)]) continue;
             const glm::vec2 at(static_cast<float>(x) + 0.5f, 0.5f);
             bool open = true;
             for (int side = 0; side < 2; ++side) // the ray leaves in front to +x and behind to -x
-                open = open && z > march_horizon({maps.size, maps.tile_m, &maps.side[side].height_m}, 0.35f, at, side == 0 ? 0 : pi);
+                open = open && z > march_horizon({maps.size, maps.tile_m, &maps.side[side].height_m}, {0, 0.35f}, at,
+                                                 side == 0 ? 0 : pi);
             clear += open ? 1 : 0;
         }
         return clear / 512.0;
     };
-    // The field is no steeper than 4: a ramp stands on the yarn's edge, and less than 1 % of the pitch is open too much.
+    // The field is no steeper than 4: a ramp stands on the yarn's edge, and less than 1 % of the pitch is open too
+    // much.
     CHECK(passed(0) == Approx(0.3).margin(0.003));
     CHECK(passed(20) == Approx(1 - 0.7 / std::cos(20 * 0.0174533)).margin(0.01));
     CHECK(passed(40) == Approx(1 - 0.7 / std::cos(40 * 0.0174533)).margin(0.01));
@@ -194,15 +196,14 @@ TEST_CASE("gap texels carry the nearest yarn and nothing of a surface")
     for (int s = 0; s < 2; ++s)
         for (std::size_t i = 0; i < packed.side[s].texels.size(); ++i) {
             const Texel texel = unpack_texel(packed.side[s].texels[i]);
-            if (!texel.gap)
-                continue;
+            if (!texel.gap) continue;
             CHECK(texel.slope == glm::vec2(0));
             CHECK(packed.side[s].heights_m[i] == 0);
             CHECK(unpack_texel(packed.side[1 - s].texels[i]).gap);
             // Between two ends the ends are nearer than the picks, and the other way round.
-            const float fx = std::abs(std::fmod(static_cast<float>(i % 256) + 0.5f, 64.0f) - 32), fy = std::abs(std::fmod(static_cast<float>(i / 256) + 0.5f, 64.0f) - 32);
-            if (std::abs(fx - fy) > 2)
-                CHECK((texel.yarn == 0) == (fx < fy));
+            const float fx = std::abs(std::fmod(static_cast<float>(i % 256) + 0.5f, 64.0f) - 32),
+                        fy = std::abs(std::fmod(static_cast<float>(i / 256) + 0.5f, 64.0f) - 32);
+            if (std::abs(fx - fy) > 2) CHECK((texel.yarn == 0) == (fx < fy));
         }
 }
 
@@ -216,13 +217,15 @@ TEST_CASE("slopes agree with heights and leave no mean over the tile")
             const glm::vec2 top = unpack_slope(side.slope_mips.back());
             CHECK(std::abs(top.x) < 1e-3f);
             CHECK(std::abs(top.y) < 1e-3f);
-            // Nowhere steeper than the limit, over the seam either (chamfer distances are up to 2.8 % long, the blur mends most).
+            // Nowhere steeper than the limit, over the seam either (chamfer distances are up to 2.8 % long, the blur
+            // mends most).
             const glm::vec2 texel_m = packed.tile_m / glm::vec2(packed.size);
             float steepest = 0;
             for (int y = 0; y < packed.size.y; ++y)
                 for (int x = 0; x < packed.size.x; ++x) {
                     const auto height = [&](int i, int j) {
-                        return side.heights_m[static_cast<std::size_t>((j % packed.size.y) * packed.size.x + i % packed.size.x)];
+                        return side.heights_m[static_cast<std::size_t>((j % packed.size.y) * packed.size.x +
+                                                                       i % packed.size.x)];
                     };
                     steepest = std::max({steepest, std::abs(height(x + 1, y) - height(x, y)) / texel_m.x,
                                          std::abs(height(x, y + 1) - height(x, y)) / texel_m.y});
@@ -254,8 +257,10 @@ TEST_CASE("the back of a plain weave is its front, one thread on")
     float worst = 0;
     for (int y = 0; y < packed.size.y; ++y)
         for (int x = 0; x < packed.size.x; ++x) {
-            const float front = packed.side[0].heights_m[static_cast<std::size_t>(y * packed.size.x + (x + step) % packed.size.x)];
-            worst = std::max(worst, std::abs(front - packed.side[1].heights_m[static_cast<std::size_t>(y * packed.size.x + x)]));
+            const float front =
+                packed.side[0].heights_m[static_cast<std::size_t>(y * packed.size.x + (x + step) % packed.size.x)];
+            worst = std::max(
+                worst, std::abs(front - packed.side[1].heights_m[static_cast<std::size_t>(y * packed.size.x + x)]));
         }
     CHECK(worst < 0.02f * packed.height_range_m.y);
 }
@@ -269,7 +274,8 @@ TEST_CASE("plies lean to the right of the yarn for Z, to the left for S")
         double sum = 0, count = 0;
         for (const glm::uvec2 words : packed.side[0].texels)
             if (const Texel texel = unpack_texel(words); !texel.gap && texel.yarn == 0) {
-                sum += static_cast<double>(std::cos(texel.azimuth)) * (texel.azimuth < pi / 2 ? 1 : -1) * (texel.azimuth < pi / 2 ? 1 : -1);
+                sum += static_cast<double>(std::cos(texel.azimuth)) * (texel.azimuth < pi / 2 ? 1 : -1) *
+                       (texel.azimuth < pi / 2 ? 1 : -1);
                 count += 1;
             }
         // Ends run along y: a ply that rises to the right has an azimuth below 90 deg.
@@ -283,18 +289,21 @@ TEST_CASE("the horizon of a wall is the angle under which it stands")
     const glm::ivec2 size(64, 32);
     std::vector<float> height(64 * 32, 0.0f);
     for (int y = 0; y < 32; ++y)
-        for (int x = 40; x < 44; ++x)
-            height[static_cast<std::size_t>(y * 64 + x)] = 0.2f;
+        for (int x = 40; x < 44; ++x) height[static_cast<std::size_t>(y * 64 + x)] = 0.2f;
     const HeightField field{size, {1, 0.5f}, &height};
+    const glm::vec2 range_m(0, 0.2f);
     for (const int x : {4, 20, 36}) {
         const float distance = (40.5f - (static_cast<float>(x) + 0.5f)) / 64;
-        CHECK(march_horizon(field, 0.2f, glm::vec2(x, 7) + 0.5f, 0) == Approx(0.2f / std::hypot(0.2f, distance)).epsilon(1e-4));
+        CHECK(march_horizon(field, range_m, glm::vec2(x, 7) + 0.5f, 0) ==
+              Approx(0.2f / std::hypot(0.2f, distance)).epsilon(1e-4));
         // 60 degrees off: twice as far
-        CHECK(march_horizon(field, 0.2f, glm::vec2(x, 7) + 0.5f, pi / 3) == Approx(0.2f / std::hypot(0.2f, 2 * distance)).epsilon(0.03));
+        CHECK(march_horizon(field, range_m, glm::vec2(x, 7) + 0.5f, pi / 3) ==
+              Approx(0.2f / std::hypot(0.2f, 2 * distance)).epsilon(0.03));
     }
     // From the other side, around the seam
-    CHECK(march_horizon(field, 0.2f, {4.5f, 3.5f}, pi) == Approx(0.2f / std::hypot(0.2f, (4.5f + 64 - 43.5f) / 64)).epsilon(1e-4));
-    CHECK(march_horizon(field, 0.2f, {41.5f, 3.5f}, 1.0f) == 0);
+    CHECK(march_horizon(field, range_m, {4.5f, 3.5f}, pi) ==
+          Approx(0.2f / std::hypot(0.2f, (4.5f + 64 - 43.5f) / 64)).epsilon(1e-4));
+    CHECK(march_horizon(field, range_m, {41.5f, 3.5f}, 1.0f) == 0);
     // The fitted knots follow: knot 0 looks to +x, knot 4 to -x, knot 2 along the wall.
     const auto knots = horizon_knots(field);
     float s[8];
@@ -309,8 +318,7 @@ TEST_CASE("an open plane hides nothing and receives the whole sky")
     const glm::ivec2 size(16, 16);
     const std::vector<float> height(256, 0.001f);
     const auto knots = horizon_knots({size, {1, 1}, &height});
-    for (const glm::uvec2 words : knots)
-        CHECK(words == glm::uvec2(0));
+    for (const glm::uvec2 words : knots) CHECK(words == glm::uvec2(0));
     for (const glm::vec2 slope : {glm::vec2(0), glm::vec2(1, 0), glm::vec2(-2, 3)}) {
         const auto irradiance = cosine_irradiance(knots, std::vector<glm::vec2>(256, slope), size);
         const double nz = 1 / std::sqrt(1 + static_cast<double>(glm::dot(slope, slope)));
@@ -335,7 +343,8 @@ TEST_CASE("derived diffuse terms never make energy")
             fabric.warp.thickness = thickness;
             const auto yarn = shade_yarns(fabric)[0];
             // first-collision escape + later ones + what passes: all of it at albedo 1 (math.md 9.2)
-            const float once = (1 - std::exp(-thickness)) * (0.26f + 0.74f * std::exp(-1.23f * std::pow(thickness, 0.9f)));
+            const float once =
+                (1 - std::exp(-thickness)) * (0.26f + 0.74f * std::exp(-1.23f * std::pow(thickness, 0.9f)));
             CHECK(albedo * once + yarn.diffuse_r.x + yarn.diffuse_t.x <= 1);
             CHECK(yarn.diffuse_r.x >= 0);
             CHECK(yarn.diffuse_t.x >= 0);
@@ -343,7 +352,8 @@ TEST_CASE("derived diffuse terms never make energy")
     Fabric fabric = weave("plain 1/1");
     fabric.warp.albedo = glm::vec3(0.8f);
     fabric.warp.thickness = 2;
-    const auto yarn = shade_yarns(fabric)[0]; // T = 2: R_ms + T_ms = .574 at albedo 1, normal incidence; mean over the hemisphere is more
+    const auto yarn = shade_yarns(
+        fabric)[0]; // T = 2: R_ms + T_ms = .574 at albedo 1, normal incidence; mean over the hemisphere is more
     CHECK(yarn.diffuse_r.x + yarn.diffuse_t.x == Approx(0.64 * 0.262 / (1 - 0.8 * 0.738) * 0.63).margin(0.03));
 }
 
@@ -415,8 +425,7 @@ TEST_CASE("the cache gives back the bake, ignores shading, and survives damage")
         bake_fabric(changed, {}, &report);
         INFO(row.key);
         // A twist is rounded to whole steps of the plies, so a small change may leave the tubes as they are.
-        if (std::string(row.key) != "ply_twist")
-            CHECK(report.cached == !row.geometry);
+        if (std::string(row.key) != "ply_twist") CHECK(report.cached == !row.geometry);
     }
 }
 
@@ -445,16 +454,14 @@ TEST_CASE("pictures come back as they were written, and damaged ones are refused
     const CacheFolder folder; // any folder
     std::filesystem::create_directories(folder.path);
     Image image(33, 21, {"R", "G", "B", "variance.R"});
-    for (std::size_t i = 0; i < image.pixels.size(); ++i)
-        image.pixels[i] = std::sin(static_cast<float>(i)) * 100 - 3;
+    for (std::size_t i = 0; i < image.pixels.size(); ++i) image.pixels[i] = std::sin(static_cast<float>(i)) * 100 - 3;
     write_exr(folder.path + "/a.exr", image, {{"seed", "7"}});
     const Image again = read_image(folder.path + "/a.exr");
     CHECK(again.channels == image.channels);
     CHECK(again.pixels == image.pixels);
     CHECK(again.metadata.at("seed") == "7");
     Image grey(64, 64, {"R", "G", "B"});
-    for (std::size_t i = 0; i < grey.pixels.size(); ++i)
-        grey.pixels[i] = static_cast<float>(i % 256) / 255;
+    for (std::size_t i = 0; i < grey.pixels.size(); ++i) grey.pixels[i] = static_cast<float>(i % 256) / 255;
     grey.pixels[0] = std::nanf("");
     write_png(folder.path + "/a.png", grey);
     const Image decoded = read_image(folder.path + "/a.png");
@@ -464,8 +471,10 @@ TEST_CASE("pictures come back as they were written, and damaged ones are refused
         INFO(name);
         const auto size = std::filesystem::file_size(folder.path + name);
         for (const double share : {0.9, 0.5, 0.05}) {
-            std::filesystem::copy_file(folder.path + name, folder.path + "/cut" + std::string(name + 2), std::filesystem::copy_options::overwrite_existing);
-            std::filesystem::resize_file(folder.path + "/cut" + std::string(name + 2), static_cast<std::uintmax_t>(static_cast<double>(size) * share));
+            std::filesystem::copy_file(folder.path + name, folder.path + "/cut" + std::string(name + 2),
+                                       std::filesystem::copy_options::overwrite_existing);
+            std::filesystem::resize_file(folder.path + "/cut" + std::string(name + 2),
+                                         static_cast<std::uintmax_t>(static_cast<double>(size) * share));
             CHECK_THROWS_AS(read_image(folder.path + "/cut" + std::string(name + 2)), InputError);
         }
     }
@@ -473,7 +482,6 @@ TEST_CASE("pictures come back as they were written, and damaged ones are refused
     CHECK_THROWS_AS(read_image(folder.path + "/none.exr"), InputError);
     CHECK_THROWS_AS(write_exr(folder.path + "/no/folder.exr", image), InputError);
     std::size_t files = 0;
-    for ([[maybe_unused]] const auto& entry : std::filesystem::directory_iterator(folder.path))
-        ++files;
+    for ([[maybe_unused]] const auto& entry : std::filesystem::directory_iterator(folder.path)) ++files;
     CHECK(files == 4); // nothing half-written is left behind
 }

