@@ -15,16 +15,19 @@
 
 #include "bake/error.hpp"
 
-namespace selvedge {
+namespace selvedge
+{
 
 namespace f32 = cloth::f32;
 
-namespace {
+namespace
+{
 
 RTCDevice new_device()
 {
     RTCDevice device = rtcNewDevice(nullptr);
-    if (!device) throw std::runtime_error(format_text("Embree does not start (error %d)", int(rtcGetDeviceError(nullptr))));
+    if (!device)
+        throw std::runtime_error(format_text("Embree does not start (error %d)", int(rtcGetDeviceError(nullptr))));
     return device;
 }
 
@@ -66,8 +69,8 @@ void pass_gaps(const RTCFilterFunctionNArguments* arguments)
 
     const f32::ClothTriangle triangle = triangle_of(*target.object, primitive);
     const glm::vec3 n = glm::cross(triangle.p1 - triangle.p0, triangle.p2 - triangle.p0);
-    const glm::vec3 n_g = f32::cloth_unit_vector(n * (1.0f / std::max({std::abs(n.x), std::abs(n.y), std::abs(n.z), 1e-30f})),
-                                                 glm::vec3(0.0f, 0.0f, 1.0f));
+    const glm::vec3 n_g = f32::cloth_unit_vector(
+        n * (1.0f / std::max({std::abs(n.x), std::abs(n.y), std::abs(n.z), 1e-30f})), glm::vec3(0.0f, 0.0f, 1.0f));
     const f32::ClothFrame frame = f32::cloth_uv_frame(triangle, n_g, n_g);
     const glm::vec2 tile = triangle.t0 + (triangle.t1 - triangle.t0) * u + (triangle.t2 - triangle.t0) * v;
     const float number = shadow_number(context.key, target.index, primitive);
@@ -127,8 +130,8 @@ RayScene::RayScene(const Scene& scene) : state_(std::make_unique<State>())
         needs_.triangles += object.mesh.triangles.size();
         ++needs_.objects;
     }
-    // One thread builds: the order of equal hits in the tree, and with it the last bits of a picture, must not depend on
-    // how many cores there are.
+    // One thread builds: the order of equal hits in the tree, and with it the last bits of a picture, must not depend
+    // on how many cores there are.
     tbb::task_arena arena(1);
     arena.execute([&] { rtcJoinCommitScene(state.scene); });
     throw_on_error(state.device);
@@ -160,7 +163,8 @@ RayHit RayScene::closest(glm::vec3 origin, glm::vec3 direction, float near, floa
     return {true, query.hit.geomID, query.hit.primID, query.ray.tfar};
 }
 
-bool RayScene::occluded(glm::vec3 origin, glm::vec3 direction, float far, const f32::ClothSettings& settings, ShadowKey key) const
+bool RayScene::occluded(glm::vec3 origin, glm::vec3 direction, float far, const f32::ClothSettings& settings,
+                        ShadowKey key) const
 {
     RTCRay ray;
     ray.org_x = origin.x, ray.org_y = origin.y, ray.org_z = origin.z;
@@ -187,13 +191,15 @@ bool RayScene::occluded(glm::vec3 origin, glm::vec3 direction, float far, const 
     return ray.tfar < 0.0f;
 }
 
-// ---- the preview's BVH -----------------------------------------------------------------------------------------------------
+// ---- the preview's BVH
+// -----------------------------------------------------------------------------------------------------
 
-namespace {
+namespace
+{
 
 struct BuildNode {
     RTCBounds bounds[2];
-    BuildNode* children[2] = {nullptr, nullptr};   // both null: a leaf
+    BuildNode* children[2] = {nullptr, nullptr}; // both null: a leaf
     std::uint32_t count = 0;
     glm::uvec2 triangles[4];
 };
@@ -207,7 +213,8 @@ void* create_node(RTCThreadLocalAllocator allocator, unsigned, void*)
 
 void set_children(void* node, void** children, unsigned count, void*)
 {
-    for (unsigned k = 0; k < count && k < 2; ++k) static_cast<BuildNode*>(node)->children[k] = static_cast<BuildNode*>(children[k]);
+    for (unsigned k = 0; k < count && k < 2; ++k)
+        static_cast<BuildNode*>(node)->children[k] = static_cast<BuildNode*>(children[k]);
 }
 
 void set_bounds(void* node, const RTCBounds** bounds, unsigned count, void*)
@@ -227,7 +234,8 @@ void* create_leaf(RTCThreadLocalAllocator allocator, const RTCBuildPrimitive* pr
 void flatten(Bvh& bvh, const BuildNode& node, const RTCBounds& bounds)
 {
     const std::size_t at = bvh.nodes.size();
-    bvh.nodes.push_back({{bounds.lower_x, bounds.lower_y, bounds.lower_z}, 0, {bounds.upper_x, bounds.upper_y, bounds.upper_z}, 0});
+    bvh.nodes.push_back(
+        {{bounds.lower_x, bounds.lower_y, bounds.lower_z}, 0, {bounds.upper_x, bounds.upper_y, bounds.upper_z}, 0});
     if (node.count > 0) {
         bvh.nodes[at].leaf = std::uint32_t(bvh.triangles.size() * 8) + node.count;
         bvh.triangles.insert(bvh.triangles.end(), node.triangles, node.triangles + node.count);
@@ -244,7 +252,8 @@ Bvh build_bvh(const Scene& scene)
 {
     std::size_t count = 0;
     for (const SceneObject& object : scene.objects) count += object.mesh.triangles.size();
-    if (count >= std::size_t(1) << 29) throw InputError("", 0, "found %zu triangles in the scene, expected less than 2^29", count);
+    if (count >= std::size_t(1) << 29)
+        throw InputError("", 0, "found %zu triangles in the scene, expected less than 2^29", count);
     Bvh bvh;
     if (count == 0) return bvh;
 
@@ -293,6 +302,9 @@ Bvh build_bvh(const Scene& scene)
     return bvh;
 }
 
-std::string embree_version() { return RTC_VERSION_STRING; }
+std::string embree_version()
+{
+    return RTC_VERSION_STRING;
+}
 
 } // namespace selvedge
