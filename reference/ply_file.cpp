@@ -283,7 +283,7 @@ class Reader
                     for (std::uint64_t k = 0; k < corners; ++k) {
                         const double index = value(element, row, property.type);
                         if (!(index >= 0.0 && index <= 4294967294.0) || index != std::floor(index))
-                            throw InputError(path_, 0, "face %llu: found vertex index %.9g, expected 0 to %zu",
+                            throw InputError(path_, 0, "face %llu: found vertex index %.10g, expected 0 to %zu",
                                              static_cast<unsigned long long>(row), index, file_.positions.size() - 1);
                         file_.corners.push_back(std::uint32_t(index));
                     }

@@ -47,12 +47,12 @@ def compare(a, b):
 
 def assert_same_mean(a, b):
     """A Z-test of every pixel and the mean of every channel. 0.5 % of the pixels of a fair pair have |z| > 3, since variances
-    come from 16 blocks; a channel's mean may be off by four times its own error, and by 0.5 % in no case."""
+    come from 16 blocks. The means of pictures are less certain than independent pixels would make them: all pixels of a frame
+    share its jitter."""
     found = compare(a, b)
     assert found["z_outliers"] < 0.01, found
     for channel in "RGB":
-        bias = abs(found[f"mean_relative_bias.{channel}"])
-        assert bias < 0.005 and bias < 4 * found["mean_relative_bias_sigma"] + 1e-4, found
+        assert abs(found[f"mean_relative_bias.{channel}"]) < 0.005, found
 
 
 @pytest.fixture
@@ -99,7 +99,7 @@ def test_the_same_seed_gives_the_same_bits_and_another_one_others(tmp_path, sphe
 def test_more_footprint_samples_make_less_noise_and_the_same_mean(tmp_path):
     noise = []
     for count in (1, 4):
-        report = render(SCENES / "layers.json", tmp_path / f"{count}.exr", "--frames", 64, "--resolution", "64,64",
+        report = render(SCENES / "layers.json", tmp_path / f"{count}.exr", "--frames", 256, "--resolution", "48,48",
                         "--footprint-samples", count, "--seed", count)
         assert report["footprint_samples"] == count
         noise.append(report["error_estimate"])
@@ -109,12 +109,13 @@ def test_more_footprint_samples_make_less_noise_and_the_same_mean(tmp_path):
 
 
 def test_many_blocks_lose_nothing(tmp_path, sphere):
-    """A constant sky: every sample is exactly 0.7, and so is the mean of 4096 of them in 64 blocks; the spread is nothing."""
+    """A constant sky: every sample is 0.7 but for rounding, and so is the mean of 4096 of them in 64 blocks; a plain float sum of
+    as many would be 1e-5 off. The spread is nothing."""
     scene = SPHERE | {"lights": [{"type": "environment", "colour": [0.7, 0.7, 0.7]}], "objects": [], "film": {"resolution": [4, 4]}}
     sphere.write_text(json.dumps(scene))
     render(sphere, tmp_path / "sky.exr", "--frames", 4096)
     layers, header = read(tmp_path / "sky.exr")
-    assert np.abs(layers["R"] - np.float32(0.7)).max() < 2e-7
+    assert np.abs(layers["R"] - np.float32(0.7)).max() < 1e-6
     assert layers["variance.R"].max() < 1e-14 and (layers["A"] == 0).all() and (layers["samples"] == 4096).all()
 
 
@@ -184,7 +185,7 @@ def test_a_shader_error_names_file_and_line(tmp_path, sphere):
     ["--time", "-1"], ["--target-error", "0"], ["--resolution", "0,5"], ["--resolution", "64"], ["--resolution", "64,64x"],
     ["--resolution", "99999,1"], ["--backend", "glx"], ["--integrator", "path"], ["--integrator", "foo"], ["--bsdf", "macro"],
     ["--mode", "theirs"], ["--visibility", "asg"], ["--footprint-samples", "0"], ["--seed", "-1"], ["--exit-after-frames", "3"],
-    ["-D", "nothing.like.this=1"], ["-o", "a.jpg"],
+    ["-o", "a.jpg"],
 ], ids="=".join)
 def test_wrong_use_is_refused(tmp_path, sphere, arguments):
     out = tmp_path / "a.exr"
@@ -202,7 +203,7 @@ def test_missing_halves_are_refused(tmp_path, sphere, arguments):
     assert done.stderr.count("\n") == 1, done.stderr
 
 
-@pytest.mark.parametrize("what", ["missing", "broken", "folder"])
+@pytest.mark.parametrize("what", ["missing", "broken", "folder", "override"])
 def test_bad_input_is_told_and_nothing_is_written(tmp_path, sphere, what):
     out = tmp_path / "a.exr"
     if what == "missing":
@@ -211,7 +212,8 @@ def test_bad_input_is_told_and_nothing_is_written(tmp_path, sphere, what):
         sphere.write_text('{\n "camera": {\n')
     if what == "folder":
         out = tmp_path / "no" / "such" / "a.exr"
-    done = lookdev(sphere, "--headless", "-o", out, "--frames", 1, status=1)
+    override = ["-D", "nothing.like.this=1"] if what == "override" else []
+    done = lookdev(sphere, "--headless", "-o", out, "--frames", 1, *override, status=1)
     assert done.stderr.count("\n") == 1 and done.stdout == "" and not out.exists(), done.stderr
 
 

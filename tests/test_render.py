@@ -1,7 +1,6 @@
 """selvedge-render as people call it: closed forms, layers and header, bits under threads, interruption and resume, refusals.
 
-Seen red with the shadow ray left out, with the block's last sample dropped from the checkpoint, and with an output opened
-before the options were checked."""
+Seen red with the unfinished block left out of the checkpoint."""
 import json
 import os
 import pathlib

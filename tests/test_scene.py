@@ -1,6 +1,6 @@
 """Scenes and what they name: real and broken meshes, environments, shapes, messages. Through selvedge-render.
 
-Seen red with the index check taken out (a crash), and with the check of UVs taken out."""
+Seen red with the check of indices and the check of UVs taken out."""
 import json
 import os
 import pathlib
@@ -132,6 +132,12 @@ def test_every_cut_of_a_binary_ply_is_refused(tmp_path):
     for length in range(len(data) - 1, data.index(b"end_header"), -7):
         cut.write_bytes(data[:length])
         assert "cut.ply" in refusal(run(tmp_path, mesh_scene(cut)))
+
+
+@pytest.mark.parametrize("index, shown", [(4, "4"), (2**31 - 1, "2147483647"), (-1, "-1"), (-2**31, "-2147483648")])
+def test_indices_beyond_the_vertices_are_refused(tmp_path, index, shown):
+    message = refusal(run(tmp_path, mesh_scene(write_ply(tmp_path / "m.ply", SQUARE, [[0, 1, 2], [0, 2, index]]))))
+    assert f"face 1: found vertex index {shown}, expected 0 to 3" in message
 
 
 @pytest.mark.parametrize("value, words", [(float("nan"), "found position"), (1e30, "found position"), (float("inf"), "found position")])

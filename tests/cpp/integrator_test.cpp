@@ -9,6 +9,7 @@
 #include <numbers>
 #include <unistd.h>
 
+#include <tbb/global_control.h>
 #include <tbb/task_arena.h>
 
 #include "bake/error.hpp"
@@ -280,6 +281,7 @@ TEST_CASE("thread count and steps leave every bit as it is", "[integrator][deter
         settings.aovs = aov_normal | aov_depth | aov_uv | aov_albedo;
         std::vector<RenderState> states;
         for (const int threads : {1, 2, 5}) {
+            const tbb::global_control limit(tbb::global_control::max_allowed_parallelism, std::size_t(threads));
             tbb::task_arena arena(threads);
             arena.execute([&] {
                 const RayScene rays(scene);
