@@ -16,20 +16,26 @@
 #include "bake/error.hpp"
 #include "bake/program.hpp"
 
-namespace selvedge {
-namespace {
+namespace selvedge
+{
+namespace
+{
 
 constexpr const char* program = "selvedge-lookdev";
 
 using Clock = std::chrono::steady_clock;
 
-double seconds_since(Clock::time_point start) { return std::chrono::duration<double>(Clock::now() - start).count(); }
+double seconds_since(Clock::time_point start)
+{
+    return std::chrono::duration<double>(Clock::now() - start).count();
+}
 
 volatile std::sig_atomic_t interrupted = 0;
 
 // Lets the driver work one frame ahead, no further, and tells how long frames take.
-class Pace {
-public:
+class Pace
+{
+  public:
     // After a frame has been drawn: waits until the one before it is on the film.
     void frame_drawn()
     {
@@ -46,7 +52,7 @@ public:
     }
     std::vector<double> milliseconds; // of every finished frame
 
-private:
+  private:
     void wait_for_oldest()
     {
         // A driver may bound one wait; a frame may take longer.
@@ -86,7 +92,8 @@ const char* draw_frames(Preview& preview, const LookdevOptions& options, Pace& p
         pace.frame_drawn();
         const std::uint32_t frames = preview.frames();
         const double seconds = seconds_since(start);
-        // Only now is it known how many frames a time is worth. The first one has compiled the shaders and does not count.
+        // Only now is it known how many frames a time is worth. The first one has compiled the shaders and does not
+        // count.
         if (options.time_s > 0 && frames == 3) {
             const double fit = std::clamp(options.time_s * 1e3 / std::max(pace.milliseconds.back(), 1e-3), 1.0, 1e7);
             const auto in_time = static_cast<std::uint32_t>(fit);
@@ -127,7 +134,8 @@ int run_headless(const LookdevOptions& options)
     if (options.resolution) scene.film.resolution = *options.resolution;
     scene.settings = {options.bsdf, options.mode, options.visibility};
     if (!options.quiet)
-        for (const std::string& warning : scene.warnings) std::fprintf(stderr, "%s: warning: %s\n", program, warning.c_str());
+        for (const std::string& warning : scene.warnings)
+            std::fprintf(stderr, "%s: warning: %s\n", program, warning.c_str());
 
     const Clock::time_point build_start = Clock::now();
     const auto context = Context::create(options.backend);
@@ -135,8 +143,8 @@ int run_headless(const LookdevOptions& options)
     preview_options.settings = scene.settings;
     preview_options.seed = options.seed;
     preview_options.footprint_samples = options.footprint_samples;
-    // Blocks are as long as the number of frames allows, at least 16 of them; where only the error is known, 16 frames a
-    // block; where only the time is known, draw_frames() finds out.
+    // Blocks are as long as the number of frames allows, at least 16 of them; where only the error is known, 16 frames
+    // a block; where only the time is known, draw_frames() finds out.
     preview_options.planned = options.frames > 0 ? options.frames : options.target_error > 0 ? 256 : 0;
     Preview preview(scene, context->info, scene.film.resolution, preview_options);
     gl.Finish();
@@ -177,7 +185,10 @@ int run_headless(const LookdevOptions& options)
             {"scene_hash", scene.hash},
             {"output", options.outputs},
             {"seconds",
-             {{"load", scene.seconds_load}, {"bake", scene.seconds_bake}, {"build", seconds_build}, {"render", seconds_render}}},
+             {{"load", scene.seconds_load},
+              {"bake", scene.seconds_bake},
+              {"build", seconds_build},
+              {"render", seconds_render}}},
             {"resolution", {result.width, result.height}},
             {"integrator", "direct"},
             {"samples", pixels * preview.frames()},

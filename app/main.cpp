@@ -14,7 +14,8 @@
 #include "reference/film.hpp"
 #include "reference/rays.hpp"
 
-namespace {
+namespace
+{
 
 using namespace selvedge;
 
@@ -36,8 +37,8 @@ CLI::Validator between(double low, double high)
 glm::ivec2 parse_resolution(const std::string& text)
 {
     int x = 0, y = 0, end = 0;
-    if (std::sscanf(text.c_str(), "%d,%d%n", &x, &y, &end) != 2 || text[static_cast<std::size_t>(end)] != '\0' || x < 1 ||
-        y < 1 || x > 16384 || y > 16384)
+    if (std::sscanf(text.c_str(), "%d,%d%n", &x, &y, &end) != 2 || text[static_cast<std::size_t>(end)] != '\0' ||
+        x < 1 || y < 1 || x > 16384 || y > 16384)
         throw UsageError("--resolution: found '%s', expected WIDTH,HEIGHT, each 1 to 16384", text.c_str());
     return {x, y};
 }
@@ -48,9 +49,9 @@ std::string gl_backends()
     for (const auto& [name, backend] : {std::pair{"egl", Backend::egl}, {"osmesa", Backend::osmesa}}) {
         try {
             const auto context = Context::create(backend);
-            text += format_text("GL back end %s: %s, %s\n", name, context->info.renderer.c_str(), context->info.version.c_str());
-        }
-        catch (const std::exception& error) {
+            text += format_text("GL back end %s: %s, %s\n", name, context->info.renderer.c_str(),
+                                context->info.version.c_str());
+        } catch (const std::exception& error) {
             text += format_text("GL back end %s: not available: %s\n", name, error.what());
         }
     }
@@ -58,8 +59,8 @@ std::string gl_backends()
 }
 
 // `later`: words of the contract that this version cannot do; they are refused, never taken for something else.
-int parse_word(const char* option, const std::string& word, std::initializer_list<std::pair<const char*, int>> available,
-               const std::set<std::string>& later = {})
+int parse_word(const char* option, const std::string& word,
+               std::initializer_list<std::pair<const char*, int>> available, const std::set<std::string>& later = {})
 {
     std::string known;
     for (const auto& [name, value] : available) {
@@ -74,42 +75,47 @@ LookdevOptions parse_options(int argc, char** argv, bool& done)
 {
     using namespace cloth::f32;
     LookdevOptions options;
-    std::string resolution, backend = "auto", integrator = "direct", bsdf = "meso", mode = "ours", visibility = "horizon8";
+    std::string resolution, backend = "auto", integrator = "direct", bsdf = "meso", mode = "ours",
+                            visibility = "horizon8";
     bool version = false;
-    CLI::App app("Shows a scene of cloth in a window that converges to the reference; --headless writes the picture.", program);
+    CLI::App app("Shows a scene of cloth in a window that converges to the reference; --headless writes the picture.",
+                 program);
     app.add_option("scene", options.scene, "SCENE.json");
     app.add_flag("--headless", options.headless, "no window: write a picture");
-    app.add_option("-o,--output", options.outputs, "headless: OUT.exr (all layers) or OUT.png (display transform); repeatable")
+    app.add_option("-o,--output", options.outputs,
+                   "headless: OUT.exr (all layers) or OUT.png (display transform); repeatable")
         ->allow_extra_args(false);
     app.add_option("--frames", options.frames, "headless: stop after N frames (one sample of every pixel each)")
         ->check(between(1, 16777216));
     app.add_option("--time", options.time_s, "headless: stop after SECONDS of rendering")->check(between(1e-3, 1e9));
-    app.add_option("--target-error", options.target_error, "headless: stop at this estimated relMSE")->check(between(1e-12, 1e6));
+    app.add_option("--target-error", options.target_error, "headless: stop at this estimated relMSE")
+        ->check(between(1e-12, 1e6));
     app.add_option("--resolution", resolution, "WIDTH,HEIGHT instead of the scene's");
     app.add_option("--backend", backend, "headless: auto (EGL, then OSMesa), egl, osmesa");
     app.add_option("--integrator", integrator, "direct (path: selvedge-render)");
     app.add_option("--bsdf", bsdf, "meso, micro (the ply-level baseline without shadowing and masking)");
     app.add_option("--mode", mode, "ours, paper (how footprint samples are weighted)");
     app.add_option("--visibility", visibility, "horizon8, none");
-    app.add_option("--footprint-samples", options.footprint_samples, "shaded points of every pixel in a frame (default 1)")
+    app.add_option("--footprint-samples", options.footprint_samples,
+                   "shaded points of every pixel in a frame (default 1)")
         ->check(between(1, 64));
     app.add_option("--seed", options.seed, "of all random numbers (default 0)")->check(between(0, 4294967295.0));
-    app.add_option("-D", options.overrides, "path.to.key=value: overrides a value of the scene or (fabric.KEY) its fabrics")
+    app.add_option("-D", options.overrides,
+                   "path.to.key=value: overrides a value of the scene or (fabric.KEY) its fabrics")
         ->allow_extra_args(false);
     app.add_option("--screenshot", options.screenshot, "window: where F12 writes (default selvedge.png)");
-    app.add_option("--exit-after-frames", options.exit_after_frames, "window: close by itself")->check(between(1, 16777216));
+    app.add_option("--exit-after-frames", options.exit_after_frames, "window: close by itself")
+        ->check(between(1, 16777216));
     app.add_flag("--json", options.json, "headless: one JSON object on stdout");
     app.add_flag("-q,--quiet", options.quiet, "no progress, no warnings");
     app.add_flag("-V,--version", version, "version, git revision, libraries, GL back ends");
     try {
         app.parse(argc, argv);
-    }
-    catch (const CLI::CallForHelp&) {
+    } catch (const CLI::CallForHelp&) {
         std::fputs(app.help().c_str(), stdout);
         done = true;
         return options;
-    }
-    catch (const CLI::ParseError& error) {
+    } catch (const CLI::ParseError& error) {
         throw UsageError("%s", error.what());
     }
     if (version) {
@@ -126,9 +132,9 @@ LookdevOptions parse_options(int argc, char** argv, bool& done)
     parse_word("--integrator", integrator, {{"direct", 0}}, {"path"});
     options.bsdf = parse_word("--bsdf", bsdf, {{"meso", cloth_bsdf_meso}, {"micro", cloth_bsdf_micro}});
     options.mode = parse_word("--mode", mode, {{"ours", cloth_mode_ours}, {"paper", cloth_mode_paper}});
-    options.visibility =
-        parse_word("--visibility", visibility, {{"horizon8", cloth_visibility_horizon8}, {"none", cloth_visibility_none}},
-                   {"horizon16", "cap", "asg", "asg-lsq", "exact"});
+    options.visibility = parse_word("--visibility", visibility,
+                                    {{"horizon8", cloth_visibility_horizon8}, {"none", cloth_visibility_none}},
+                                    {"horizon16", "cap", "asg", "asg-lsq", "exact"});
     const bool stops = options.frames > 0 || options.time_s > 0 || options.target_error > 0;
     if (options.headless) {
         if (options.outputs.empty()) throw UsageError("--headless without -o, expected OUT.exr or OUT.png");

@@ -1,4 +1,5 @@
-// app/options.hpp: what selvedge-lookdev's command line asks for. main.cpp fills it, headless.cpp and window.cpp read it.
+// app/options.hpp: what selvedge-lookdev's command line asks for. main.cpp fills it, headless.cpp and window.cpp read
+// it.
 #pragma once
 
 #include <cstdint>
@@ -12,12 +13,13 @@
 #include "app/preview/context.hpp"
 #include "bake/json.hpp"
 
-namespace selvedge {
+namespace selvedge
+{
 
 struct LookdevOptions {
     std::string scene;
     Overrides overrides;
-    std::optional<glm::ivec2> resolution; // absent: the scene's
+    std::optional<glm::ivec2> resolution;   // absent: the scene's
     int bsdf = 0, mode = 0, visibility = 0; // cloth_footprint.h
     int footprint_samples = 1;
     std::uint32_t seed = 0;
@@ -26,13 +28,13 @@ struct LookdevOptions {
     // headless
     bool headless = false;
     std::vector<std::string> outputs;
-    std::uint32_t frames = 0;             // 0: not given, likewise time and target_error
+    std::uint32_t frames = 0; // 0: not given, likewise time and target_error
     double time_s = 0;
     double target_error = 0;
     Backend backend = Backend::automatic;
 
     // window
-    std::string screenshot;               // where F12 writes
+    std::string screenshot; // where F12 writes
     std::uint32_t exit_after_frames = 0;
 
     std::map<std::string, std::string> provenance;

@@ -4,7 +4,8 @@
 #include "app/preview/preview.hpp"
 #include "reference/film.hpp"
 
-namespace selvedge {
+namespace selvedge
+{
 
 inline RenderResult result_of(const PreviewImage& image)
 {

@@ -3,7 +3,8 @@
 
 #include <cmath>
 
-namespace selvedge {
+namespace selvedge
+{
 
 bool shade_again(Scene& scene, std::size_t fabric)
 {

@@ -5,11 +5,13 @@
 #include <cmath>
 #include <limits>
 
-namespace selvedge {
+namespace selvedge
+{
 
 Bounds bounds_of(const Scene& scene)
 {
-    const bool cloth = std::any_of(scene.objects.begin(), scene.objects.end(), [](const auto& o) { return o.fabric >= 0; });
+    const bool cloth =
+        std::any_of(scene.objects.begin(), scene.objects.end(), [](const auto& o) { return o.fabric >= 0; });
     Bounds bounds{glm::vec3(std::numeric_limits<float>::max()), glm::vec3(std::numeric_limits<float>::lowest())};
     for (const SceneObject& object : scene.objects)
         if (object.fabric >= 0 || !cloth)
@@ -26,13 +28,16 @@ CameraSpec orbited(CameraSpec camera, float azimuth, float elevation)
     const glm::dvec3 to_eye = glm::dvec3(camera.position) - glm::dvec3(camera.target);
     const double distance = glm::length(to_eye);
     // Any two axes perpendicular to up serve: only differences of the azimuth count.
-    const glm::dvec3 side = glm::normalize(glm::cross(up, std::abs(up.x) < 0.9 ? glm::dvec3(1, 0, 0) : glm::dvec3(0, 0, 1)));
+    const glm::dvec3 side =
+        glm::normalize(glm::cross(up, std::abs(up.x) < 0.9 ? glm::dvec3(1, 0, 0) : glm::dvec3(0, 0, 1)));
     const glm::dvec3 front = glm::cross(side, up);
     const double phi = std::atan2(glm::dot(to_eye, side), glm::dot(to_eye, front)) + static_cast<double>(azimuth);
     const double limit = 1.55;
-    const double theta = std::clamp(
-        std::asin(std::clamp(glm::dot(to_eye, up) / distance, -1.0, 1.0)) + static_cast<double>(elevation), -limit, limit);
-    const glm::dvec3 direction = (front * std::cos(phi) + side * std::sin(phi)) * std::cos(theta) + up * std::sin(theta);
+    const double theta =
+        std::clamp(std::asin(std::clamp(glm::dot(to_eye, up) / distance, -1.0, 1.0)) + static_cast<double>(elevation),
+                   -limit, limit);
+    const glm::dvec3 direction =
+        (front * std::cos(phi) + side * std::sin(phi)) * std::cos(theta) + up * std::sin(theta);
     camera.position = glm::dvec3(camera.target) + direction * distance;
     return camera;
 }
@@ -75,7 +80,8 @@ void turn_lights(Scene& scene, float angle)
         if (light.kind == cloth_light_environment) light.shape.x += angle;
         // The sense in which cloth_environment_direction turns.
         if (light.kind == cloth_light_directional)
-            light.axis = glm::vec3(c * light.axis.x - s * light.axis.z, light.axis.y, s * light.axis.x + c * light.axis.z);
+            light.axis =
+                glm::vec3(c * light.axis.x - s * light.axis.z, light.axis.y, s * light.axis.x + c * light.axis.z);
     }
 }
 

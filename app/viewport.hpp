@@ -5,7 +5,8 @@
 
 #include "reference/scene.hpp"
 
-namespace selvedge {
+namespace selvedge
+{
 
 struct Bounds {
     glm::vec3 low{0}, high{0};

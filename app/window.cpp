@@ -20,15 +20,21 @@
 #include "app/viewport.hpp"
 #include "bake/error.hpp"
 
-namespace selvedge {
-namespace {
+namespace selvedge
+{
+namespace
+{
 
 using Clock = std::chrono::steady_clock;
 
-double seconds_between(Clock::time_point from, Clock::time_point to) { return std::chrono::duration<double>(to - from).count(); }
+double seconds_between(Clock::time_point from, Clock::time_point to)
+{
+    return std::chrono::duration<double>(to - from).count();
+}
 
-class GlfwLibrary {
-public:
+class GlfwLibrary
+{
+  public:
     GlfwLibrary()
     {
         glfwSetErrorCallback([](int, const char* text) { last_error() = text; });
@@ -64,8 +70,9 @@ GLFWwindow* open_window(glm::ivec2 size, const std::string& title)
 }
 
 // One run of the window. Callbacks of GLFW reach it through the window's user pointer.
-class Window {
-public:
+class Window
+{
+  public:
     Window(const LookdevOptions& from, Scene&& loaded)
         : options(from), scene(std::move(loaded)), original(scene.camera), camera(scene.camera),
           exposure(scene.film.exposure)
@@ -112,7 +119,8 @@ public:
         std::uint32_t drawn = 0;
         while (!glfwWindowShouldClose(handle)) {
             const bool sizeless = window_size().x < 1 || window_size().y < 1; // iconified, or drawn to nothing
-            const bool rests = sizeless || view.paused || preview->frames() >= static_cast<std::uint32_t>(view.sample_limit);
+            const bool rests =
+                sizeless || view.paused || preview->frames() >= static_cast<std::uint32_t>(view.sample_limit);
             if (sizeless || (rests && awake == 0))
                 glfwWaitEventsTimeout(1.0); // only to look for saved shaders
             else
@@ -138,7 +146,7 @@ public:
         }
     }
 
-private:
+  private:
     static Window& self(GLFWwindow* window) { return *static_cast<Window*>(glfwGetWindowUserPointer(window)); }
 
     // ImGui answers an event one or two frames later.
@@ -176,7 +184,8 @@ private:
         return wanted;
     }
 
-    // ---- input ------------------------------------------------------------------------------------------------------------
+    // ---- input
+    // ------------------------------------------------------------------------------------------------------------
 
     bool pressed(int button) const { return glfwGetMouseButton(handle, button) == GLFW_PRESS; }
     bool held(int left, int right) const
@@ -236,14 +245,27 @@ private:
         case GLFW_KEY_F:
             move_camera(fitted(camera, bounds_of(scene), static_cast<float>(size.x) / static_cast<float>(size.y)));
             break;
-        case GLFW_KEY_R: move_camera(original); break;
-        case GLFW_KEY_E: exposure += (mods & GLFW_MOD_SHIFT) != 0 ? -0.5f : 0.5f; break;
-        case GLFW_KEY_SPACE: view.paused = !view.paused; break;
-        case GLFW_KEY_P: panels_open = !panels_open; break;
+        case GLFW_KEY_R:
+            move_camera(original);
+            break;
+        case GLFW_KEY_E:
+            exposure += (mods & GLFW_MOD_SHIFT) != 0 ? -0.5f : 0.5f;
+            break;
+        case GLFW_KEY_SPACE:
+            view.paused = !view.paused;
+            break;
+        case GLFW_KEY_P:
+            panels_open = !panels_open;
+            break;
         case GLFW_KEY_H:
-        case GLFW_KEY_SLASH: help_open = !help_open; break;
-        case GLFW_KEY_F12: save_picture(); break;
-        default: break;
+        case GLFW_KEY_SLASH:
+            help_open = !help_open;
+            break;
+        case GLFW_KEY_F12:
+            save_picture();
+            break;
+        default:
+            break;
         }
     }
 
@@ -262,8 +284,7 @@ private:
             metadata["selvedge:samples"] = std::to_string(preview->frames());
             write_result(options.screenshot, result_of(preview->read()), exposure, metadata);
             status.message = "saved " + options.screenshot;
-        }
-        catch (const std::exception& error) {
+        } catch (const std::exception& error) {
             status.message = error.what();
         }
     }
@@ -281,7 +302,8 @@ private:
         wake();
     }
 
-    // ---- a frame of the window ----------------------------------------------------------------------------------------------
+    // ---- a frame of the window
+    // ----------------------------------------------------------------------------------------------
 
     void show()
     {
@@ -336,8 +358,7 @@ private:
                 bake_again(scene, edits.fabric);
                 preview->scene_changed();
                 status.message.clear();
-            }
-            catch (const std::exception& error) {
+            } catch (const std::exception& error) {
                 status.message = error.what();
             }
         }
@@ -369,7 +390,8 @@ int run_window(const LookdevOptions& options)
     Scene scene = load_scene(options.scene, options.overrides);
     scene.settings = {options.bsdf, options.mode, options.visibility};
     if (!options.quiet)
-        for (const std::string& warning : scene.warnings) std::fprintf(stderr, "selvedge-lookdev: warning: %s\n", warning.c_str());
+        for (const std::string& warning : scene.warnings)
+            std::fprintf(stderr, "selvedge-lookdev: warning: %s\n", warning.c_str());
     const GlfwLibrary library;
     Window window(options, std::move(scene));
     window.run();

@@ -4,7 +4,8 @@
 #include <map>
 #include <string>
 
-namespace selvedge {
+namespace selvedge
+{
 
 std::map<std::string, std::string> window_library_versions(); // GLFW, Dear ImGui
 

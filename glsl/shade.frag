@@ -1,5 +1,5 @@
 // Root: radiance of this frame's sample of every pixel; the blend unit adds it to the sum of the block.
-//   FABRIC  objects with fabric   GAPS  fabrics with gaps   MATTE  objects without
+//   FABRIC  objects with fabric   GAPS  fabrics with gaps   MATTE  objects without   FOOTPRINT  several points a frame
 #include "interop.h"
 #include "cloth.h"
 #include "blocks.h"
@@ -35,7 +35,7 @@ void main()
     uint seed = pixel_seed(gl_FragCoord.xy);
     vec3 sum  = vec3(0.0);
     ClothShading shading;
-#ifdef FABRIC
+#ifdef FOOTPRINT
     ClothSelection first;
 #endif
     for (uint n = 0u; n < frame.random.z; ++n) {
@@ -44,13 +44,17 @@ void main()
         if (!object.matte) {
             ClothSelection selection = select_on(object, surface, random);
 #ifdef GAPS
-            // n = 0 passes only where two compilers round differently; the visibility pass has the last word.
-            for (uint k = 1u; selection.passes && k < attempts; ++k)
+#ifdef FOOTPRINT
+            for (uint k = 1u; n > 0u && selection.passes && k < attempts; ++k)
                 selection = select_on(object, surface, layer_random(seed, object_index, triangle_index, n * attempts + k));
             if (selection.passes && n > 0u) selection = first;
+#endif
+            // The first one passes only where two compilers have rounded differently: one fragment in millions, left black.
             if (selection.passes) break;
 #endif
+#ifdef FOOTPRINT
             if (n == 0u) first = selection;
+#endif
             shading = cloth_shade_fabric(object.maps, selection);
         }
 #endif

@@ -6,7 +6,8 @@
 #include "app/panels/panels.hpp"
 #include "bake/params.hpp"
 
-namespace selvedge {
+namespace selvedge
+{
 
 static void draw_colour(const char* label, glm::vec3& colour, bool& changed)
 {
@@ -38,7 +39,8 @@ static void draw_yarn(YarnSpec& yarn, bool& shading, bool& geometry)
     for (const YarnParam& row : yarn_params) {
         const bool wide = row.low > 0 && row.high > 50 * row.low;
         // ImGui takes the finest step of a logarithmic slider from the digits of its format.
-        const bool moved = ImGui::SliderFloat(row.key, &(yarn.*row.member), row.low, row.high, row.low < 0.001f && wide ? "%.6f" : "%.3f",
+        const bool moved = ImGui::SliderFloat(row.key, &(yarn.*row.member), row.low, row.high,
+                                              row.low < 0.001f && wide ? "%.6f" : "%.3f",
                                               (wide ? ImGuiSliderFlags_Logarithmic : 0) | ImGuiSliderFlags_AlwaysClamp);
         if (ImGui::IsItemHovered()) ImGui::SetTooltip("%s [%s]", row.help, row.unit);
         // A bake is asked for when the slider is let go.

@@ -3,7 +3,8 @@
 
 #include "app/panels/panels.hpp"
 
-namespace selvedge {
+namespace selvedge
+{
 
 void draw_light_panel(LightPanel& panel, Scene& scene, Edits& edits, float& turned)
 {
@@ -14,7 +15,8 @@ void draw_light_panel(LightPanel& panel, Scene& scene, Edits& edits, float& turn
         turned += glm::radians(panel.turn_degrees - before);
         edits.lights = true;
     }
-    if (ImGui::IsItemHovered()) ImGui::SetTooltip("environment and sun together; Ctrl + drag in the picture does it, too");
+    if (ImGui::IsItemHovered())
+        ImGui::SetTooltip("environment and sun together; Ctrl + drag in the picture does it, too");
     static constexpr const char* kinds[] = {"environment", "directional", "point", "spot", "area", "flash"};
     for (std::size_t k = 0; k < scene.lights.size(); ++k) {
         ClothLight& light = scene.lights[k];

@@ -8,15 +8,16 @@
 
 #include "reference/scene.hpp"
 
-namespace selvedge {
+namespace selvedge
+{
 
 // What an edit asks for, from cheap to dear.
 struct Edits {
-    bool view = false;      // exposure and such: show again
-    bool settings = false;  // BSDF, mode, samples a frame
+    bool view = false;     // exposure and such: show again
+    bool settings = false; // BSDF, mode, samples a frame
     bool lights = false;
-    bool yarns = false;     // of `fabric`: shade_yarns() is enough
-    bool geometry = false;  // of `fabric`: bake
+    bool yarns = false;    // of `fabric`: shade_yarns() is enough
+    bool geometry = false; // of `fabric`: bake
     std::size_t fabric = 0;
 };
 
@@ -24,7 +25,7 @@ struct Edits {
 void draw_fabric_panel(Scene& scene, Edits& edits);
 
 struct LightPanel {
-    float turn_degrees = 0;  // of all lights at infinity, against the scene file
+    float turn_degrees = 0; // of all lights at infinity, against the scene file
 };
 // turned  gets the angle by which to turn the lights now [rad]
 void draw_light_panel(LightPanel& panel, Scene& scene, Edits& edits, float& turned);
@@ -32,9 +33,9 @@ void draw_light_panel(LightPanel& panel, Scene& scene, Edits& edits, float& turn
 struct ViewPanel {
     cloth::f32::ClothSettings settings{};
     int footprint_samples = 1;
-    int divisor = 1;              // window pixels along a side of one picture pixel
+    int divisor = 1; // window pixels along a side of one picture pixel
     bool coarse_while_moving = true;
-    int sample_limit = 4096;      // then the window rests
+    int sample_limit = 4096; // then the window rests
     bool paused = false;
 };
 struct ViewStatus {

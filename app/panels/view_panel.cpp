@@ -5,7 +5,8 @@
 
 #include "app/panels/panels.hpp"
 
-namespace selvedge {
+namespace selvedge
+{
 
 void draw_view_panel(ViewPanel& panel, const ViewStatus& status, float& exposure, Edits& edits)
 {
@@ -19,7 +20,8 @@ void draw_view_panel(ViewPanel& panel, const ViewStatus& status, float& exposure
     edits.settings |= ImGui::Combo("BSDF", &panel.settings.bsdf, "micro\0meso\0");
     edits.settings |= ImGui::Combo("mode", &panel.settings.mode, "ours\0paper\0");
     edits.settings |= ImGui::Combo("visibility", &panel.settings.visibility, "none\0horizon8\0");
-    edits.settings |= ImGui::SliderInt("samples a frame", &panel.footprint_samples, 1, 16, "%d", ImGuiSliderFlags_AlwaysClamp);
+    edits.settings |=
+        ImGui::SliderInt("samples a frame", &panel.footprint_samples, 1, 16, "%d", ImGuiSliderFlags_AlwaysClamp);
     int divisor = panel.divisor == 1 ? 0 : panel.divisor == 2 ? 1 : 2;
     if (ImGui::Combo("resolution", &divisor, "full\0half\0quarter\0")) panel.divisor = 1 << divisor;
     ImGui::Checkbox("coarser while moving", &panel.coarse_while_moving);

@@ -1,4 +1,5 @@
-// app/preview/context.cpp: EGL (device, surfaceless, default display) and OSMesa contexts. The only file that includes either.
+// app/preview/context.cpp: EGL (device, surfaceless, default display) and OSMesa contexts. The only file that includes
+// either.
 #include "app/preview/context.hpp"
 
 #include <algorithm>
@@ -12,8 +13,10 @@
 
 #include "bake/error.hpp"
 
-namespace selvedge {
-namespace {
+namespace selvedge
+{
+namespace
+{
 
 constexpr int versions[][2] = {{4, 5}, {4, 3}, {4, 1}};
 
@@ -49,8 +52,8 @@ std::vector<Display> displays()
             for (EGLint i = 0; i < count; ++i) {
                 const char* of_device = query_string != nullptr ? query_string(devices[i], EGL_EXTENSIONS) : "";
                 auto& list = has_word(of_device, "EGL_MESA_device_software") ? software : cards;
-                list.push_back({format_text("EGL device %d", i),
-                                platform_display(EGL_PLATFORM_DEVICE_EXT, devices[i], nullptr)});
+                list.push_back(
+                    {format_text("EGL device %d", i), platform_display(EGL_PLATFORM_DEVICE_EXT, devices[i], nullptr)});
             }
     }
     cards.insert(cards.end(), software.begin(), software.end());
@@ -60,8 +63,9 @@ std::vector<Display> displays()
     return cards;
 }
 
-class EglContext : public Context {
-public:
+class EglContext : public Context
+{
+  public:
     // Empty where it works, otherwise why it does not.
     std::string open(EGLDisplay candidate)
     {
@@ -76,8 +80,13 @@ public:
         EGLint count = 0;
         eglChooseConfig(display, wanted, &config, 1, &count);
         for (const auto& version : versions) {
-            const EGLint attributes[] = {EGL_CONTEXT_MAJOR_VERSION, version[0], EGL_CONTEXT_MINOR_VERSION, version[1],
-                                         EGL_CONTEXT_OPENGL_PROFILE_MASK, EGL_CONTEXT_OPENGL_CORE_PROFILE_BIT, EGL_NONE};
+            const EGLint attributes[] = {EGL_CONTEXT_MAJOR_VERSION,
+                                         version[0],
+                                         EGL_CONTEXT_MINOR_VERSION,
+                                         version[1],
+                                         EGL_CONTEXT_OPENGL_PROFILE_MASK,
+                                         EGL_CONTEXT_OPENGL_CORE_PROFILE_BIT,
+                                         EGL_NONE};
             context = eglCreateContext(display, count > 0 ? config : EGL_NO_CONFIG_KHR, EGL_NO_CONTEXT, attributes);
             if (context != EGL_NO_CONTEXT) break;
         }
@@ -99,13 +108,14 @@ public:
         eglTerminate(display);
     }
 
-private:
+  private:
     EGLDisplay display = EGL_NO_DISPLAY;
     EGLContext context = EGL_NO_CONTEXT;
     EGLSurface surface = EGL_NO_SURFACE;
 };
 
-// ---- OSMesa: loaded when asked for, so that a machine without it runs the rest and nobody waits for LLVM in vain ---------
+// ---- OSMesa: loaded when asked for, so that a machine without it runs the rest and nobody waits for LLVM in vain
+// ---------
 
 // Values of GL/osmesa.h, which cannot be included beside GL/glcorearb.h.
 constexpr int osmesa_format = 0x22, osmesa_rgba = GL_RGBA, osmesa_depth_bits = 0x30, osmesa_profile = 0x33,
@@ -113,29 +123,33 @@ constexpr int osmesa_format = 0x22, osmesa_rgba = GL_RGBA, osmesa_depth_bits = 0
 
 GlProc (*osmesa_address)(const char*) = nullptr;
 
-class OsmesaContext : public Context {
-public:
+class OsmesaContext : public Context
+{
+  public:
     std::string open()
     {
         for (const char* name : {"libOSMesa.so.8", "libOSMesa.so"})
             if (library == nullptr) library = dlopen(name, RTLD_NOW | RTLD_LOCAL);
         if (library == nullptr) return "libOSMesa.so.8 not found";
-        const auto create = reinterpret_cast<void* (*)(const int*, void*)>(dlsym(library, "OSMesaCreateContextAttribs"));
-        const auto make_current =
-            reinterpret_cast<GLboolean (*)(void*, void*, GLenum, GLsizei, GLsizei)>(dlsym(library, "OSMesaMakeCurrent"));
+        const auto create =
+            reinterpret_cast<void* (*)(const int*, void*)>(dlsym(library, "OSMesaCreateContextAttribs"));
+        const auto make_current = reinterpret_cast<GLboolean (*)(void*, void*, GLenum, GLsizei, GLsizei)>(
+            dlsym(library, "OSMesaMakeCurrent"));
         osmesa_address = reinterpret_cast<GlProc (*)(const char*)>(dlsym(library, "OSMesaGetProcAddress"));
         destroy = reinterpret_cast<void (*)(void*)>(dlsym(library, "OSMesaDestroyContext"));
         if (create == nullptr || make_current == nullptr || osmesa_address == nullptr || destroy == nullptr)
             return "libOSMesa is too old: no OSMesaCreateContextAttribs";
         for (const auto& version : versions) {
-            const int attributes[] = {osmesa_format, osmesa_rgba, osmesa_depth_bits, 0, osmesa_profile,
-                                      osmesa_core_profile, osmesa_major, version[0], osmesa_minor, version[1], 0};
+            const int attributes[] = {
+                osmesa_format, osmesa_rgba,  osmesa_depth_bits, 0, osmesa_profile, osmesa_core_profile, osmesa_major,
+                version[0],    osmesa_minor, version[1],        0};
             context = create(attributes, nullptr);
             if (context != nullptr) break;
         }
         if (context == nullptr) return "no core context 4.1 or later";
         pixels.resize(16 * 16 * 4);
-        if (make_current(context, pixels.data(), GL_UNSIGNED_BYTE, 16, 16) != GL_TRUE) return "OSMesaMakeCurrent failed";
+        if (make_current(context, pixels.data(), GL_UNSIGNED_BYTE, 16, 16) != GL_TRUE)
+            return "OSMesaMakeCurrent failed";
         return "";
     }
 
@@ -145,7 +159,7 @@ public:
         if (context != nullptr) destroy(context);
     }
 
-private:
+  private:
     void* library = nullptr;
     void* context = nullptr;
     void (*destroy)(void*) = nullptr;
@@ -166,8 +180,7 @@ std::unique_ptr<Context> Context::create(Backend backend)
                     context->info = load_gl([](const char* name) { return eglGetProcAddress(name); });
                     context->backend = "egl";
                     return context;
-                }
-                catch (const std::runtime_error& error) {
+                } catch (const std::runtime_error& error) {
                     reason = error.what();
                 }
             }
@@ -181,8 +194,7 @@ std::unique_ptr<Context> Context::create(Backend backend)
                 context->info = load_gl([](const char* name) { return osmesa_address(name); });
                 context->backend = "osmesa";
                 return context;
-            }
-            catch (const std::runtime_error& error) {
+            } catch (const std::runtime_error& error) {
                 reason = error.what();
             }
         }

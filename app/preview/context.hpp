@@ -1,4 +1,5 @@
-// app/preview/context.hpp: GL contexts without a window, through EGL or OSMesa. Included by the headless program and tests.
+// app/preview/context.hpp: GL contexts without a window, through EGL or OSMesa. Included by the headless program and
+// tests.
 #pragma once
 
 #include <memory>
@@ -6,15 +7,17 @@
 
 #include "gl.hpp"
 
-namespace selvedge {
+namespace selvedge
+{
 
 enum class Backend { automatic, egl, osmesa }; // automatic: EGL, then OSMesa
 
 // A current, off-screen GL core context of the highest version in 4.5 ... 4.1 that the driver gives. One at a time.
-class Context {
-public:
+class Context
+{
+  public:
     virtual ~Context() = default;
-    const char* backend = "";  // "egl" or "osmesa"
+    const char* backend = ""; // "egl" or "osmesa"
     GlInfo info;
 
     // Creates it, makes it current, loads the GL functions.

@@ -6,7 +6,8 @@
 
 #include "bake/error.hpp"
 
-namespace selvedge {
+namespace selvedge
+{
 
 GlFunctions gl;
 
@@ -38,8 +39,8 @@ GlInfo load_gl(GlLoader loader)
     gl.GetIntegerv(GL_MAX_TEXTURE_SIZE, &info.texture_limit);
     gl.GetIntegerv(GL_MAX_TEXTURE_BUFFER_SIZE, &info.buffer_texture_limit);
     if (info.major * 10 + info.minor < 41)
-        throw std::runtime_error(format_text("found GL %d.%d (%s), expected 4.1 or later", info.major, info.minor,
-                                             info.renderer.c_str()));
+        throw std::runtime_error(
+            format_text("found GL %d.%d (%s), expected 4.1 or later", info.major, info.minor, info.renderer.c_str()));
     // The address alone does not say that the context has the feature.
     info.clip_control = info.major * 10 + info.minor >= 45 && gl.ClipControl != nullptr;
     return info;
@@ -53,12 +54,23 @@ void check_gl(const char* what)
         const GLenum error = gl.GetError();
         if (error == GL_NO_ERROR) break;
         switch (error) {
-        case GL_INVALID_ENUM: errors += " GL_INVALID_ENUM"; break;
-        case GL_INVALID_VALUE: errors += " GL_INVALID_VALUE"; break;
-        case GL_INVALID_OPERATION: errors += " GL_INVALID_OPERATION"; break;
-        case GL_INVALID_FRAMEBUFFER_OPERATION: errors += " GL_INVALID_FRAMEBUFFER_OPERATION"; break;
-        case GL_OUT_OF_MEMORY: errors += " GL_OUT_OF_MEMORY"; break;
-        default: errors += format_text(" GL error 0x%x", error);
+        case GL_INVALID_ENUM:
+            errors += " GL_INVALID_ENUM";
+            break;
+        case GL_INVALID_VALUE:
+            errors += " GL_INVALID_VALUE";
+            break;
+        case GL_INVALID_OPERATION:
+            errors += " GL_INVALID_OPERATION";
+            break;
+        case GL_INVALID_FRAMEBUFFER_OPERATION:
+            errors += " GL_INVALID_FRAMEBUFFER_OPERATION";
+            break;
+        case GL_OUT_OF_MEMORY:
+            errors += " GL_OUT_OF_MEMORY";
+            break;
+        default:
+            errors += format_text(" GL error 0x%x", error);
         }
     }
     if (!errors.empty()) throw std::runtime_error(std::string(what) + ":" + errors);
@@ -67,13 +79,22 @@ void check_gl(const char* what)
 GlName::GlName(Kind kind) : kind_of(kind)
 {
     switch (kind) {
-    case Kind::buffer: gl.GenBuffers(1, &number); break;
-    case Kind::texture: gl.GenTextures(1, &number); break;
-    case Kind::framebuffer: gl.GenFramebuffers(1, &number); break;
-    case Kind::vertex_array: gl.GenVertexArrays(1, &number); break;
+    case Kind::buffer:
+        gl.GenBuffers(1, &number);
+        break;
+    case Kind::texture:
+        gl.GenTextures(1, &number);
+        break;
+    case Kind::framebuffer:
+        gl.GenFramebuffers(1, &number);
+        break;
+    case Kind::vertex_array:
+        gl.GenVertexArrays(1, &number);
+        break;
     case Kind::none:
     case Kind::shader:
-    case Kind::program: break;
+    case Kind::program:
+        break;
     }
 }
 
@@ -81,13 +102,26 @@ GlName::~GlName()
 {
     if (number == 0) return;
     switch (kind_of) {
-    case Kind::buffer: gl.DeleteBuffers(1, &number); break;
-    case Kind::texture: gl.DeleteTextures(1, &number); break;
-    case Kind::framebuffer: gl.DeleteFramebuffers(1, &number); break;
-    case Kind::vertex_array: gl.DeleteVertexArrays(1, &number); break;
-    case Kind::shader: gl.DeleteShader(number); break;
-    case Kind::program: gl.DeleteProgram(number); break;
-    case Kind::none: break;
+    case Kind::buffer:
+        gl.DeleteBuffers(1, &number);
+        break;
+    case Kind::texture:
+        gl.DeleteTextures(1, &number);
+        break;
+    case Kind::framebuffer:
+        gl.DeleteFramebuffers(1, &number);
+        break;
+    case Kind::vertex_array:
+        gl.DeleteVertexArrays(1, &number);
+        break;
+    case Kind::shader:
+        gl.DeleteShader(number);
+        break;
+    case Kind::program:
+        gl.DeleteProgram(number);
+        break;
+    case Kind::none:
+        break;
     }
 }
 
@@ -96,7 +130,8 @@ void BufferTexture::upload(GLenum format, std::size_t bytes_per_texel, const voi
 {
     if (bytes / bytes_per_texel > static_cast<std::size_t>(info.buffer_texture_limit))
         throw std::runtime_error(format_text("%s: %zu texels, but %s holds %d in a buffer texture", what,
-                                             bytes / bytes_per_texel, info.renderer.c_str(), info.buffer_texture_limit));
+                                             bytes / bytes_per_texel, info.renderer.c_str(),
+                                             info.buffer_texture_limit));
     const char zeros[16] = {};
     if (bytes == 0) {
         data = zeros;

@@ -9,7 +9,8 @@
 
 #include "gl_functions.h"
 
-namespace selvedge {
+namespace selvedge
+{
 
 // Calls read gl.DrawArrays(...).
 struct GlFunctions {
@@ -39,13 +40,14 @@ GlInfo load_gl(GlLoader loader);
 void check_gl(const char* what);
 
 // Owner of one GL object.
-class GlName {
-public:
+class GlName
+{
+  public:
     enum class Kind { none, buffer, texture, framebuffer, vertex_array, shader, program };
 
     GlName() = default;
-    explicit GlName(Kind kind);                                      // generates; not for shaders and programs
-    GlName(Kind kind, GLuint name) : kind_of(kind), number(name) {}  // takes over
+    explicit GlName(Kind kind);                                     // generates; not for shaders and programs
+    GlName(Kind kind, GLuint name) : kind_of(kind), number(name) {} // takes over
     GlName(GlName&& other) noexcept : kind_of(other.kind_of), number(std::exchange(other.number, 0)) {}
     GlName& operator=(GlName&& other) noexcept
     {
@@ -58,14 +60,15 @@ public:
     GLuint operator*() const { return number; }
     explicit operator bool() const { return number != 0; }
 
-private:
+  private:
     Kind kind_of = Kind::none;
     GLuint number = 0;
 };
 
 // Memory that shaders read through a buffer texture.
-class BufferTexture {
-public:
+class BufferTexture
+{
+  public:
     // Replaces the content. Nothing is ever empty: zero bytes become one texel of zeros.
     //   format  sized internal format; bytes_per_texel must be its size
     //   throws  std::runtime_error where the driver's limit is exceeded
@@ -74,7 +77,7 @@ public:
     GLuint texture() const { return *texture_name; }
     std::size_t bytes() const { return size; }
 
-private:
+  private:
     GlName buffer, texture_name;
     std::size_t size = 0;
 };

@@ -1,6 +1,6 @@
-// The GL functions that the preview calls, one row each: X(type in GL/glcorearb.h, name without "gl"). Included by gl.hpp
-// and gl.cpp. All are in GL 4.1 core; what may be missing is in the second list.
-// A table of our own because libepoxy asks EGL or GLX for addresses, and an OSMesa context belongs to neither.
+// The GL functions that the preview calls, one row each: X(type in GL/glcorearb.h, name without "gl"). Included by
+// gl.hpp and gl.cpp. All are in GL 4.1 core; what may be missing is in the second list. A table of our own because
+// libepoxy asks EGL or GLX for addresses, and an OSMesa context belongs to neither.
 #define SELVEDGE_GL_FUNCTIONS(X)                                                                                       \
     X(PFNGLACTIVETEXTUREPROC, ActiveTexture)                                                                           \
     X(PFNGLATTACHSHADERPROC, AttachShader)                                                                             \

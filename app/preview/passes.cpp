@@ -1,7 +1,8 @@
 // app/preview/passes.cpp: visibility, shade, merge, present.
 #include "app/preview/passes.hpp"
 
-namespace selvedge {
+namespace selvedge
+{
 
 Passes::Passes(const GlInfo& info)
     : clip_control(info.clip_control), merging("screen.vert", "merge.frag"), frame_block(GlName::Kind::buffer),
@@ -11,11 +12,12 @@ Passes::Passes(const GlInfo& info)
     gl.BufferData(GL_UNIFORM_BUFFER, sizeof(block::Frame), nullptr, GL_DYNAMIC_DRAW);
 }
 
-void Passes::choose(const SceneBuffers& buffers)
+void Passes::choose(const SceneBuffers& buffers, int footprint_samples)
 {
     std::vector<std::string> wanted;
     if (buffers.has_fabric) wanted.emplace_back("FABRIC");
     if (buffers.has_gaps) wanted.emplace_back("GAPS");
+    if (buffers.has_fabric && footprint_samples > 1) wanted.emplace_back("FOOTPRINT");
     if (buffers.has_matte) wanted.emplace_back("MATTE");
     if (!*shading || wanted != defines) {
         shading = ShaderProgram("screen.vert", "shade.frag", wanted);

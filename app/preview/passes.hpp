@@ -12,9 +12,11 @@
 #include "shader_source.hpp"
 #include "targets.hpp"
 
-namespace selvedge {
+namespace selvedge
+{
 
-namespace block {
+namespace block
+{
 using namespace glm;
 #include "glsl/blocks.h"
 static_assert(offsetof(Frame, camera_position) == 0 && offsetof(Frame, camera_forward) == 16);
@@ -23,12 +25,13 @@ static_assert(offsetof(Frame, film) == 64 && offsetof(Frame, random) == 80);
 static_assert(offsetof(Frame, settings) == 96 && offsetof(Frame, lights) == 112 && sizeof(Frame) == 128);
 } // namespace block
 
-class Passes {
-public:
+class Passes
+{
+  public:
     explicit Passes(const GlInfo& info);
 
     // Compiles what the scene needs and is not compiled yet.
-    void choose(const SceneBuffers& buffers);
+    void choose(const SceneBuffers& buffers, int footprint_samples);
     void set_frame(const block::Frame& frame);
 
     void visibility(Targets& targets, const SceneBuffers& buffers);
@@ -41,7 +44,7 @@ public:
     bool rebuild_if_changed(std::string& complaint); // true: at least one program is another one now
     const std::vector<std::string>& features() const { return defines; }
 
-private:
+  private:
     void draw_screen();
 
     bool clip_control;

@@ -4,7 +4,8 @@
 #include <algorithm>
 #include <cmath>
 
-namespace selvedge {
+namespace selvedge
+{
 
 using namespace cloth::f32;
 
@@ -12,7 +13,7 @@ Preview::Preview(const Scene& from, const GlInfo& gl_info, glm::ivec2 resolution
     : scene(from), info(gl_info), options(wanted), camera(from.camera), buffers(gl_info), passes(gl_info)
 {
     buffers.upload(scene);
-    passes.choose(buffers);
+    passes.choose(buffers, options.footprint_samples);
     targets.resize(resolution, info);
     update_near_plane();
     restart();
@@ -28,6 +29,7 @@ void Preview::set_camera(const CameraSpec& wanted)
 void Preview::set_options(const PreviewOptions& wanted)
 {
     options = wanted;
+    passes.choose(buffers, options.footprint_samples);
     restart();
 }
 
@@ -52,7 +54,7 @@ void Preview::yarns_changed()
 void Preview::scene_changed()
 {
     buffers.upload(scene);
-    passes.choose(buffers);
+    passes.choose(buffers, options.footprint_samples);
     update_near_plane();
     restart();
 }
@@ -144,7 +146,10 @@ std::string Preview::reload_shaders()
     return complaint;
 }
 
-std::vector<std::string> Preview::features() const { return passes.features(); }
+std::vector<std::string> Preview::features() const
+{
+    return passes.features();
+}
 
 std::map<std::string, bool> Preview::skipped() const
 {

@@ -13,7 +13,8 @@
 #include "scene_buffers.hpp"
 #include "targets.hpp"
 
-namespace selvedge {
+namespace selvedge
+{
 
 struct PreviewOptions {
     cloth::f32::ClothSettings settings{};
@@ -25,15 +26,16 @@ struct PreviewOptions {
 // The accumulated picture on the CPU: row 0 is the top row.
 struct PreviewImage {
     glm::ivec2 size{0};
-    std::uint32_t frames = 0;          // samples of every pixel
-    std::uint32_t blocks = 0;          // complete blocks
-    std::vector<glm::vec4> mean;       // radiance and coverage, mean of all samples
-    std::vector<glm::vec4> variance;   // of the pixel's mean, from the spread of the blocks; 0 below two blocks
+    std::uint32_t frames = 0;        // samples of every pixel
+    std::uint32_t blocks = 0;        // complete blocks
+    std::vector<glm::vec4> mean;     // radiance and coverage, mean of all samples
+    std::vector<glm::vec4> variance; // of the pixel's mean, from the spread of the blocks; 0 below two blocks
 };
 
 // Everything that changes the picture restarts the accumulation; nothing else does.
-class Preview {
-public:
+class Preview
+{
+  public:
     // Uploads the scene, compiles the shaders that it needs. The scene must outlive the preview.
     //   throws  InputError (shaders), std::runtime_error (limits of the driver)
     Preview(const Scene& scene, const GlInfo& info, glm::ivec2 resolution, const PreviewOptions& options);
@@ -55,8 +57,8 @@ public:
     std::uint32_t block_length() const { return length; }
     glm::ivec2 resolution() const { return targets.size(); }
 
-    // The accumulated picture through the display transform into a rectangle of the bound framebuffer (GL window coordinates:
-    // from the lower left), stretched without filtering.
+    // The accumulated picture through the display transform into a rectangle of the bound framebuffer (GL window
+    // coordinates: from the lower left), stretched without filtering.
     void present(glm::ivec2 corner, glm::ivec2 size, float exposure);
     PreviewImage read() const;
 
@@ -69,7 +71,7 @@ public:
     std::map<std::string, bool> skipped() const; // parts that the scene did not need: name -> left out
     std::size_t buffer_bytes() const { return buffers.bytes(); }
 
-private:
+  private:
     void choose_programs();
     void update_near_plane();
 

@@ -11,15 +11,25 @@
 #include "bake/error.hpp"
 #include "reference/rays.hpp"
 
-namespace selvedge {
+namespace selvedge
+{
 
 using cloth::f32::ClothLight;
 using cloth::f32::ClothYarn;
 
-template <class T> static std::size_t bytes_of(const std::vector<T>& list) { return list.size() * sizeof(T); }
+template <class T> static std::size_t bytes_of(const std::vector<T>& list)
+{
+    return list.size() * sizeof(T);
+}
 
-static glm::uint word(float x) { return std::bit_cast<glm::uint>(x); }
-static glm::uint word(std::size_t x) { return static_cast<glm::uint>(x); }
+static glm::uint word(float x)
+{
+    return std::bit_cast<glm::uint>(x);
+}
+static glm::uint word(std::size_t x)
+{
+    return static_cast<glm::uint>(x);
+}
 
 // Positions in buffer textures are 32-bit signed integers in the shader.
 static std::size_t checked(std::size_t index)
@@ -186,8 +196,9 @@ void SceneBuffers::upload_bvh(const Scene& scene)
         const SceneObject& object = scene.objects[which.x];
         const glm::uvec3& corner = object.mesh.triangles[which.y];
         const glm::vec3 p0 = object.mesh.positions[corner.x];
-        table.insert(table.end(), {words(p0, which.x), words(object.mesh.positions[corner.y] - p0, which.y),
-                                   words(object.mesh.positions[corner.z] - p0, selvedge::has_gaps(scene, object) ? 1 : 0)});
+        table.insert(table.end(),
+                     {words(p0, which.x), words(object.mesh.positions[corner.y] - p0, which.y),
+                      words(object.mesh.positions[corner.z] - p0, selvedge::has_gaps(scene, object) ? 1 : 0)});
     }
     bvh_triangles.upload(GL_RGBA32UI, 16, table.data(), bytes_of(table), "BVH triangles", info);
 }
@@ -199,27 +210,31 @@ void SceneBuffers::bind_textures() const
         gl.BindTexture(target, texture);
     };
     const std::pair<const char*, const BufferTexture*> tables[] = {
-        {"map_words", &map_words},           {"slope_words", &slope_words},     {"yarn_table", &yarn_table},
-        {"light_table", &light_table},       {"triangle_table", &triangle_table}, {"object_table", &object_table},
-        {"bvh_nodes", &bvh_nodes},           {"bvh_triangles", &bvh_triangles}};
+        {"map_words", &map_words},     {"slope_words", &slope_words},       {"yarn_table", &yarn_table},
+        {"light_table", &light_table}, {"triangle_table", &triangle_table}, {"object_table", &object_table},
+        {"bvh_nodes", &bvh_nodes},     {"bvh_triangles", &bvh_triangles}};
     for (const auto& [name, table] : tables) bind(name, GL_TEXTURE_BUFFER, table->texture());
     bind("environment_map", GL_TEXTURE_2D, *environment_map);
     bind("alias_map", GL_TEXTURE_2D, *alias_map);
     gl.ActiveTexture(GL_TEXTURE0);
 }
 
-void SceneBuffers::bind_object(std::size_t index) const { gl.BindVertexArray(*objects[index].array); }
+void SceneBuffers::bind_object(std::size_t index) const
+{
+    gl.BindVertexArray(*objects[index].array);
+}
 
 std::size_t SceneBuffers::bytes() const
 {
     std::size_t total = 0;
-    for (const BufferTexture* table : {&map_words, &slope_words, &yarn_table, &light_table, &triangle_table, &object_table,
-                                       &bvh_nodes, &bvh_triangles})
+    for (const BufferTexture* table : {&map_words, &slope_words, &yarn_table, &light_table, &triangle_table,
+                                       &object_table, &bvh_nodes, &bvh_triangles})
         total += table->bytes();
     return total;
 }
 
-// ---- the near plane ---------------------------------------------------------------------------------------------------------
+// ---- the near plane
+// ---------------------------------------------------------------------------------------------------------
 
 // Squared distance from p to a triangle (Ericson 2005, "Real-Time Collision Detection", 5.1.5).
 static double distance2_to_triangle(glm::dvec3 p, glm::dvec3 a, glm::dvec3 b, glm::dvec3 c)
@@ -237,8 +252,7 @@ static double distance2_to_triangle(glm::dvec3 p, glm::dvec3 a, glm::dvec3 b, gl
     const double vb = d5 * d2 - d1 * d6;
     if (vb <= 0 && d2 >= 0 && d6 <= 0) return dist2(a + ac * (d2 / (d2 - d6)));
     const double va = d3 * d6 - d5 * d4;
-    if (va <= 0 && d4 - d3 >= 0 && d5 - d6 >= 0)
-        return dist2(b + (c - b) * ((d4 - d3) / ((d4 - d3) + (d5 - d6))));
+    if (va <= 0 && d4 - d3 >= 0 && d5 - d6 >= 0) return dist2(b + (c - b) * ((d4 - d3) / ((d4 - d3) + (d5 - d6))));
     const double total = va + vb + vc;
     return dist2(a + ab * (vb / total) + ac * (vc / total));
 }
@@ -257,7 +271,7 @@ float SceneBuffers::nearest_distance(const Scene& scene, glm::vec3 point)
         for (const glm::uvec3& t : object.mesh.triangles) {
             const double d = distance2_to_triangle(point, object.mesh.positions[t.x], object.mesh.positions[t.y],
                                                    object.mesh.positions[t.z]);
-            if (d < best) best = d;   // a triangle without area gives NaN, which is not less
+            if (d < best) best = d; // a triangle without area gives NaN, which is not less
         }
     }
     return static_cast<float>(std::sqrt(std::min(best, 1e30)));

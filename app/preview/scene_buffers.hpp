@@ -1,5 +1,5 @@
-// app/preview/scene_buffers.hpp: a scene as the shaders read it: buffer textures, environment, vertex arrays. The layouts
-// are those of glsl/cloth_fetch.h, glsl/scene_buffers.h and glsl/trace.h. Included by app/preview/preview.cpp.
+// app/preview/scene_buffers.hpp: a scene as the shaders read it: buffer textures, environment, vertex arrays. The
+// layouts are those of glsl/cloth_fetch.h, glsl/scene_buffers.h and glsl/trace.h. Included by app/preview/preview.cpp.
 #pragma once
 
 #include <cstdint>
@@ -8,17 +8,19 @@
 #include "gl.hpp"
 #include "reference/scene.hpp"
 
-namespace selvedge {
+namespace selvedge
+{
 
 // Parts that change on their own are uploaded on their own. Scenes are not kept: every call is given the one to read.
-class SceneBuffers {
-public:
+class SceneBuffers
+{
+  public:
     explicit SceneBuffers(const GlInfo& of_driver) : info(of_driver) {}
 
     // throws std::runtime_error where the scene exceeds a limit of the driver, naming both
-    void upload(const Scene& scene);         // everything
-    void upload_yarns(const Scene& scene);   // same count as before
-    void upload_lights(const Scene& scene);  // lights and environment
+    void upload(const Scene& scene);        // everything
+    void upload_yarns(const Scene& scene);  // same count as before
+    void upload_lights(const Scene& scene); // lights and environment
 
     void bind_textures() const;
     void bind_object(std::size_t index) const; // vertex array of an object
@@ -32,7 +34,7 @@ public:
     // Distance from a point to the nearest triangle [m]; large where there is none.
     static float nearest_distance(const Scene& scene, glm::vec3 point);
 
-private:
+  private:
     void upload_fabrics(const Scene& scene); // maps, yarns, and the objects' references to them
     void upload_bvh(const Scene& scene);
 
@@ -43,7 +45,8 @@ private:
 
     GlInfo info;
     std::vector<Object> objects;
-    BufferTexture map_words, slope_words, yarn_table, light_table, triangle_table, object_table, bvh_nodes, bvh_triangles;
+    BufferTexture map_words, slope_words, yarn_table, light_table, triangle_table, object_table, bvh_nodes,
+        bvh_triangles;
     GlName environment_map, alias_map;
 };
 

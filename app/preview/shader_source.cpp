@@ -11,7 +11,8 @@
 
 #include "bake/error.hpp"
 
-namespace selvedge {
+namespace selvedge
+{
 namespace fs = std::filesystem;
 
 fs::path glsl_folder()
@@ -31,7 +32,8 @@ fs::path glsl_folder()
     throw InputError("cloth.h", 0, "not found, expected in one of: %s (set SELVEDGE_GLSL)", looked.c_str());
 }
 
-// ---- includes -----------------------------------------------------------------------------------------------------------
+// ---- includes
+// -----------------------------------------------------------------------------------------------------------
 
 static void paste(const fs::path& folder, const std::string& name, const std::string& from, int from_line,
                   std::vector<std::string>& open, ShaderText& shader)
@@ -84,7 +86,8 @@ std::string readable_log(const std::string& log, const std::vector<std::string>&
     return text;
 }
 
-// ---- programs -----------------------------------------------------------------------------------------------------------
+// ---- programs
+// -----------------------------------------------------------------------------------------------------------
 
 static GlName compile(GLenum stage, const std::string& header, const ShaderText& shader)
 {
@@ -138,8 +141,7 @@ void ShaderProgram::build()
     }
     // GLSL 4.1 has no layout(binding = ...).
     gl.UseProgram(*made);
-    for (const Binding& texture : texture_units)
-        gl.Uniform1i(gl.GetUniformLocation(*made, texture.name), texture.unit);
+    for (const Binding& texture : texture_units) gl.Uniform1i(gl.GetUniformLocation(*made, texture.name), texture.unit);
     const GLuint block = gl.GetUniformBlockIndex(*made, "Frame");
     if (block != GL_INVALID_INDEX) gl.UniformBlockBinding(*made, block, 0);
     program = std::move(made);
@@ -156,8 +158,7 @@ bool ShaderProgram::rebuild_if_changed(std::string& complaint)
         build();
         complaint.clear();
         return true;
-    }
-    catch (const std::exception& error) {
+    } catch (const std::exception& error) {
         complaint = error.what();
         return false;
     }

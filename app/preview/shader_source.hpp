@@ -8,7 +8,8 @@
 
 #include "gl.hpp"
 
-namespace selvedge {
+namespace selvedge
+{
 
 // The folder of the shaders: $SELVEDGE_GLSL, the source tree, beside the program (../share/selvedge/glsl), where they
 // were to be installed; the first that has cloth.h.
@@ -28,8 +29,9 @@ ShaderText load_shader(const std::filesystem::path& folder, const std::string& n
 std::string readable_log(const std::string& log, const std::vector<std::string>& files);
 
 // Vertex and fragment shader of the GL 4.1 dialect. Uniform blocks and samplers get the bindings of scene_bindings().
-class ShaderProgram {
-public:
+class ShaderProgram
+{
+  public:
     ShaderProgram() = default;
     // Compiles at once.
     //   defines  "GAPS" becomes #define GAPS 1
@@ -43,7 +45,7 @@ public:
     //   return  true: the program is another one now. `complaint` gets the error, or nothing
     bool rebuild_if_changed(std::string& complaint);
 
-private:
+  private:
     void build();
 
     std::string vertex, fragment;
@@ -59,9 +61,9 @@ struct Binding {
     GLint unit;
 };
 inline constexpr Binding texture_units[] = {
-    {"map_words", 0},    {"slope_words", 1},    {"yarn_table", 2},      {"light_table", 3}, {"environment_map", 4},
-    {"alias_map", 5},    {"triangle_table", 6}, {"object_table", 7},    {"bvh_nodes", 8},   {"bvh_triangles", 9},
-    {"id_map", 10},      {"block_sum", 11},     {"mean_map", 12},       {"spread_map", 13},
+    {"map_words", 0}, {"slope_words", 1},    {"yarn_table", 2},   {"light_table", 3}, {"environment_map", 4},
+    {"alias_map", 5}, {"triangle_table", 6}, {"object_table", 7}, {"bvh_nodes", 8},   {"bvh_triangles", 9},
+    {"id_map", 10},   {"block_sum", 11},     {"mean_map", 12},    {"spread_map", 13},
 };
 GLint texture_unit(const char* name);
 

@@ -8,7 +8,8 @@
 #include "app/preview/shader_source.hpp"
 #include "bake/error.hpp"
 
-namespace selvedge {
+namespace selvedge
+{
 
 static GlName make_texture(GLenum format, GLenum channels, GLenum type, glm::ivec2 size)
 {
@@ -44,8 +45,8 @@ void Targets::resize(glm::ivec2 size, const GlInfo& info)
     size = glm::max(size, glm::ivec2(1));
     if (size == extent) return clear_accumulation();
     if (std::max(size.x, size.y) > info.texture_limit)
-        throw std::runtime_error(format_text("resolution %d,%d: %s draws at most %d pixels along a side", size.x, size.y,
-                                             info.renderer.c_str(), info.texture_limit));
+        throw std::runtime_error(format_text("resolution %d,%d: %s draws at most %d pixels along a side", size.x,
+                                             size.y, info.renderer.c_str(), info.texture_limit));
     extent = glm::ivec2(0);
     ids = make_texture(GL_RG32UI, GL_RG_INTEGER, GL_UNSIGNED_INT, size);
     depth = make_texture(GL_DEPTH_COMPONENT32F, GL_DEPTH_COMPONENT, GL_FLOAT, size);
@@ -109,7 +110,10 @@ void Targets::begin_merge()
     gl.Disable(GL_BLEND);
 }
 
-void Targets::end_merge() { current = 1 - current; }
+void Targets::end_merge()
+{
+    current = 1 - current;
+}
 
 void Targets::bind_textures() const
 {

@@ -1,25 +1,28 @@
-// app/preview/targets.hpp: what the preview draws to: identities with depth, the sum of a block, mean and spread of blocks.
+// app/preview/targets.hpp: what the preview draws to: identities with depth, the sum of a block, mean and spread of
+// blocks.
 #pragma once
 
 #include <glm/glm.hpp>
 
 #include "gl.hpp"
 
-namespace selvedge {
+namespace selvedge
+{
 
 // All pictures have row 0 at the top of the image.
-class Targets {
-public:
+class Targets
+{
+  public:
     // (Re)makes everything, cleared. Either side 0 is taken as 1.
     //   throws  std::runtime_error: larger than the driver allows, out of memory
     void resize(glm::ivec2 size, const GlInfo& info);
     void clear_accumulation(); // sum, mean, spread to 0
     void clear_sum();
 
-    void begin_visibility();   // binds identities and depth, cleared: 0, infinitely far
-    void begin_shade();        // binds the sum; what is drawn is added
-    void begin_merge();        // binds the mean and spread that are not current
-    void end_merge();          // makes them current
+    void begin_visibility(); // binds identities and depth, cleared: 0, infinitely far
+    void begin_shade();      // binds the sum; what is drawn is added
+    void begin_merge();      // binds the mean and spread that are not current
+    void end_merge();        // makes them current
     // Binds identities, sum and current mean and spread for the shaders.
     void bind_textures() const;
 
@@ -27,7 +30,7 @@ public:
     // RGBA float, row 0 first; index 0 sum, 1 mean, 2 spread.
     void read(int which, float* pixels) const;
 
-private:
+  private:
     glm::ivec2 extent{0};
     int current = 0;
     GlName ids, depth, sum, mean[2], spread[2];
