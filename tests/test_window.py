@@ -72,7 +72,7 @@ class Display:
         pixels = np.frombuffer(data, order + "u4", rows * stride // 4, start).reshape(rows, stride // 4)[:, :int(words[4])]
         return np.stack([pixels >> shift & 255 for shift in (16, 8, 0)], -1) / 255
 
-    def wait_for(self, what, condition, seconds=60):
+    def wait_for(self, what, condition, seconds=180):
         end = time.monotonic() + seconds
         while not condition():
             assert self.program.poll() is None, f"the window is gone: {self.program.stderr.read()}"
