@@ -3,21 +3,20 @@
 uniform usamplerBuffer bvh_nodes;       // RGBA32UI, two texels a node: low xyz, skip | high xyz, leaf: first * 8 + count, 0 inner
 uniform usamplerBuffer bvh_triangles;   // RGBA32UI, three texels a triangle, in leaf order: p0, object | e1, triangle | e2, gaps
 
-// Whether the cloth lets a ray through that hits it at barycentrics b (b1, b2).
-bool passes_at(int object_index, int triangle_index, vec2 b, vec3 direction, uint seed)
+// Share of the light that crosses the cloth where a ray hits it at barycentrics b (b1, b2).
+float share_at(int object_index, int triangle_index, vec2 b, vec3 direction)
 {
     SceneObject object     = fetch_object(object_index);
     ClothTriangle triangle = fetch_triangle(object.first_triangle + triangle_index);
     vec2 tile = triangle.t0 + (triangle.t1 - triangle.t0) * b.x + (triangle.t2 - triangle.t0) * b.y;
     vec3 n    = normalize(cross(triangle.p1 - triangle.p0, triangle.p2 - triangle.p0));
-    uint bits = cloth_hash_combine(cloth_hash_combine(cloth_hash_combine(seed, frame.random.y), uint(object_index)), uint(triangle_index));
-    return cloth_passes(object.maps, tile, cloth_to_local(cloth_uv_frame(triangle, n, n), direction), frame_settings(), cloth_unit(bits));
+    return cloth_transmittance(object.maps, tile, cloth_to_local(cloth_uv_frame(triangle, n, n), direction), frame_settings());
 }
 
-// Whether anything stops the light between origin and origin + distance * direction (unit).
-//   seed  of the pixel and sample; decides where a gap is soft
-bool blocked(vec3 origin, vec3 direction, float distance, uint seed)
+// Share of the light that gets from origin to origin + distance * direction (unit).
+float transmittance(vec3 origin, vec3 direction, float distance)
 {
+    float share = 1.0;
     vec3 inverse = 1.0 / mix(direction, vec3(1e-20), lessThan(abs(direction), vec3(1e-20)));
     int node = 0;
     // Nodes lie in depth-first order: the next one is the first child; a missed node says where its subtree ends.
@@ -47,11 +46,14 @@ bool blocked(vec3 origin, vec3 direction, float distance, uint seed)
             vec3 hit = vec3(dot(s, p), dot(direction, q), dot(e2, q)) / determinant;   // b1, b2, distance
             if (hit.x < 0.0 || hit.y < 0.0 || hit.x + hit.y > 1.0 || hit.z <= 0.0 || hit.z >= distance) continue;
 #ifdef GAPS
-            if (w2.w != 0u && passes_at(int(w0.w), int(w1.w), hit.xy, direction, seed)) continue;
+            if (w2.w != 0u) {
+                share *= share_at(int(w0.w), int(w1.w), hit.xy, direction);
+                if (share > 0.0) continue;
+            }
 #endif
-            return true;
+            return 0.0;
         }
         node = int(a.w);
     }
-    return false;
+    return share;
 }

@@ -12,7 +12,7 @@ Preview::Preview(const Scene& from, const GlInfo& gl_info, glm::ivec2 resolution
     : scene(from), info(gl_info), options(wanted), camera(from.camera), buffers(gl_info), passes(gl_info)
 {
     buffers.upload(scene);
-    passes.choose(buffers);
+    passes.choose(buffers, scene);
     targets.resize(resolution, info);
     update_near_plane();
     restart();
@@ -40,6 +40,7 @@ void Preview::resize(glm::ivec2 resolution)
 void Preview::lights_changed()
 {
     buffers.upload_lights(scene);
+    passes.choose(buffers, scene);
     restart();
 }
 
@@ -52,8 +53,15 @@ void Preview::yarns_changed()
 void Preview::scene_changed()
 {
     buffers.upload(scene);
-    passes.choose(buffers);
+    passes.choose(buffers, scene);
     update_near_plane();
+    restart();
+}
+
+void Preview::model_changed()
+{
+    buffers.upload_fabrics(scene); // which objects rays may pass through is the model's matter too
+    passes.choose(buffers, scene);
     restart();
 }
 
@@ -95,8 +103,7 @@ void Preview::draw_frame()
     frame.camera_up = glm::vec4(eye.up, 1 / glm::dot(eye.up, eye.up));
     frame.film = glm::vec4(eye.resolution, offset);
     frame.random = glm::uvec4(block_seed, index, static_cast<std::uint32_t>(options.footprint_samples), 0);
-    frame.settings = glm::ivec4(options.settings.bsdf, options.settings.mode, options.settings.visibility,
-                                info.clip_control ? 1 : 0);
+    frame.depth = glm::ivec4(info.clip_control ? 1 : 0, 0, 0, 0);
     frame.lights = glm::ivec4(static_cast<int>(scene.lights.size()), scene.environment.size, buffers.node_count);
     passes.set_frame(frame);
     buffers.bind_textures();

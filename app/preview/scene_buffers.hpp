@@ -18,6 +18,7 @@ public:
     // throws std::runtime_error where the scene exceeds a limit of the driver, naming both
     void upload(const Scene& scene);         // everything
     void upload_yarns(const Scene& scene);   // same count as before
+    void upload_fabrics(const Scene& scene); // maps, yarns, and the objects' references to them
     void upload_lights(const Scene& scene);  // lights and environment
 
     void bind_textures() const;
@@ -33,7 +34,6 @@ public:
     static float nearest_distance(const Scene& scene, glm::vec3 point);
 
 private:
-    void upload_fabrics(const Scene& scene); // maps, yarns, and the objects' references to them
     void upload_bvh(const Scene& scene);
 
     struct Object {
@@ -43,7 +43,7 @@ private:
 
     GlInfo info;
     std::vector<Object> objects;
-    BufferTexture map_words, slope_words, yarn_table, light_table, triangle_table, object_table, bvh_nodes, bvh_triangles;
+    BufferTexture map_words, slope_words, height_words, asg_table, tile_bases, yarn_table, light_table, triangle_table, object_table, bvh_nodes, bvh_triangles;
     GlName environment_map, alias_map;
 };
 

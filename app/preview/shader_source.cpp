@@ -121,7 +121,7 @@ void ShaderProgram::build()
     for (const fs::path& file : files) newest = std::max(newest, fs::last_write_time(file, ignored));
 
     std::string header = "#version 410 core\n";
-    for (const std::string& define : defines) header += "#define " + define + " 1\n";
+    for (const std::string& define : defines) header += "#define " + define + (define.find(' ') == std::string::npos ? " 1\n" : "\n");
     const GlName vertex_shader = compile(GL_VERTEX_SHADER, header, texts[0]);
     const GlName fragment_shader = compile(GL_FRAGMENT_SHADER, header, texts[1]);
     GlName made(GlName::Kind::program, gl.CreateProgram());
