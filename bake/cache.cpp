@@ -32,7 +32,7 @@ struct Header {
 
 __extension__ using Wide = unsigned __int128;
 
-template <class Visit> void each_array(PackedFabric& fabric, Visit&& visit)
+template <class Packed, class Visit> void each_array(Packed& fabric, Visit&& visit) // Packed may be const
 {
     for (int s = 0; s < 2; ++s) {
         visit(s, 0, fabric.side[s].texels);
@@ -155,7 +155,6 @@ try {
 
 std::size_t write_cache(const std::string& hash, const PackedFabric& fabric)
 try {
-    PackedFabric copy = fabric;
     Header header{};
     std::memcpy(header.magic, magic, sizeof magic);
     header.version = format_version;
@@ -164,18 +163,18 @@ try {
     header.tile_m[0] = fabric.tile_m.x, header.tile_m[1] = fabric.tile_m.y;
     header.cover[0] = fabric.warp_cover, header.cover[1] = fabric.weft_cover, header.cover[2] = fabric.gap_cover;
     header.height_range_m[0] = fabric.height_range_m.x, header.height_range_m[1] = fabric.height_range_m.y;
-    std::string payload;
-    each_array(copy, [&](int s, int a, auto& array) {
-        header.counts[s][a] = array.size();
-        payload.append(reinterpret_cast<const char*>(array.data()), array.size() * sizeof array[0]);
+    std::string bytes(sizeof header, '\0'); // the header's place
+    each_array(fabric, [&](int side, int array_index, const auto& array) {
+        header.counts[side][array_index] = array.size();
+        bytes.append(reinterpret_cast<const char*>(array.data()), array.size() * sizeof array[0]);
     });
-    header.payload_bytes = payload.size();
+    header.payload_bytes = bytes.size() - sizeof header;
     ContentHash check;
-    check.bytes(payload.data(), payload.size());
+    check.bytes(bytes.data() + sizeof header, header.payload_bytes);
     const std::string hex = check.hex();
     header.check[0] = std::stoull(hex.substr(0, 16), nullptr, 16);
     header.check[1] = std::stoull(hex.substr(16), nullptr, 16);
-    const std::string bytes = std::string(reinterpret_cast<const char*>(&header), sizeof header) + payload;
+    std::memcpy(bytes.data(), &header, sizeof header);
 
     const std::string folder = cache_folder();
     std::filesystem::create_directories(folder);

@@ -169,7 +169,8 @@ void rasterise(const Segments& segments, std::size_t i, float shift_m, glm::vec2
     const glm::vec3 d = chord / length;
     const float radius = 0.5f * (segments.point[i].w + segments.point[i + 1].w), aspect = segments.aspect[i];
     const glm::vec3 m0 = segments.mitre[i], m1 = segments.mitre[i + 1];
-    if (1 - d.z * d.z < 1e-6f) return; // stands upright: seen as nothing but its neighbours' ends
+    // Upright: seen as nothing but its neighbours' ends. Folded back on itself: inside the bend of its neighbours.
+    if (1 - d.z * d.z < 1e-6f || glm::dot(m0, d) < 0.1f || glm::dot(m1, d) < 0.1f) return;
     for (int row = row0; row <= row1; ++row) {
         const float qy = (static_cast<float>(row) + 0.5f) * step_m.y - shift_m - from.y;
         for (int column = column0; column <= column1; ++column) {
@@ -189,8 +190,7 @@ void rasterise(const Segments& segments, std::size_t i, float shift_m, glm::vec2
                 const CylinderHit smooth = hit_cylinder(qx - centre.x, qy - centre.y, way, radius);
                 const float smooth_z =
                     centre.z + (side == 0 ? smooth.h + smooth.root : smooth.h - smooth.root) / smooth.a;
-                // Where a ply bends within its own radius the curve folds and the two have nothing to do with each
-                // other.
+                // Where a ply bends within its own radius the two have nothing to do with each other.
                 if (smooth.hit && std::abs(smooth_z - z) < trusted_correction * radius) z = smooth_z;
                 const float height = (side == 0 ? 1.0f : -1.0f) * aspect * (z + from.z);
                 if (height > band.z[side][cell]) {

@@ -14,46 +14,57 @@ float share_at(int object_index, int triangle_index, vec2 b, vec3 direction)
 }
 
 // Share of the light that gets from origin to origin + distance * direction (unit).
+//
+// Loops within loops, each with one kind of work: to the next leaf, through its triangles, then what the cloth says to a hit.
+// Processors that run many pixels in step (software GL above all, which takes every branch) pay for the dear work only as
+// often as it happens, not at each step of the walk.
 float transmittance(vec3 origin, vec3 direction, float distance)
 {
     float share = 1.0;
     vec3 inverse = 1.0 / mix(direction, vec3(1e-20), lessThan(abs(direction), vec3(1e-20)));
-    int node = 0;
-    // Nodes lie in depth-first order: the next one is the first child; a missed node says where its subtree ends.
-    while (node < frame.lights.w) {
-        uvec4 a = texelFetch(bvh_nodes, node * 2), b = texelFetch(bvh_nodes, node * 2 + 1);
-        vec3 t0 = (uintBitsToFloat(a.xyz) - origin) * inverse, t1 = (uintBitsToFloat(b.xyz) - origin) * inverse;
-        vec3 near = min(t0, t1), far = max(t0, t1);
-        float enter = max(max(near.x, near.y), max(near.z, 0.0)), leave = min(min(far.x, far.y), min(far.z, distance));
-        if (enter > leave * 1.0000004) {
-            node = int(a.w);
-            continue;
-        }
-        if (b.w == 0u) {
-            ++node;
-            continue;
-        }
-        int first = int(b.w >> 3u), end = first + int(b.w & 7u);
-        for (int k = first; k < end; ++k) {
-            // Moeller & Trumbore 1997
-            uvec4 w0 = texelFetch(bvh_triangles, k * 3), w1 = texelFetch(bvh_triangles, k * 3 + 1), w2 = texelFetch(bvh_triangles, k * 3 + 2);
-            vec3 e1 = uintBitsToFloat(w1.xyz), e2 = uintBitsToFloat(w2.xyz);
-            vec3 p  = cross(direction, e2);
-            float determinant = dot(e1, p);
-            if (determinant == 0.0) continue;
-            vec3 s  = origin - uintBitsToFloat(w0.xyz);
-            vec3 q  = cross(s, e1);
-            vec3 hit = vec3(dot(s, p), dot(direction, q), dot(e2, q)) / determinant;   // b1, b2, distance
-            if (hit.x < 0.0 || hit.y < 0.0 || hit.x + hit.y > 1.0 || hit.z <= 0.0 || hit.z >= distance) continue;
-#ifdef GAPS
-            if (w2.w != 0u) {
-                share *= share_at(int(w0.w), int(w1.w), hit.xy, direction);
-                if (share > 0.0) continue;
+    int node = 0, triangle = 0, end = 0;   // next node; next triangle of the leaf that was entered last
+    bool walking = true;
+    while (walking) {
+        bool hit = false;
+        vec2 b   = vec2(0.0);
+        uvec3 at = uvec3(0u);   // object, triangle, gaps
+        while (!hit && (triangle < end || node < frame.lights.w)) {
+            // Nodes lie in depth-first order: the next one is the first child; a missed node says where its subtree ends.
+            while (triangle >= end && node < frame.lights.w) {
+                uvec4 low = texelFetch(bvh_nodes, node * 2), high = texelFetch(bvh_nodes, node * 2 + 1);
+                vec3 t0 = (uintBitsToFloat(low.xyz) - origin) * inverse, t1 = (uintBitsToFloat(high.xyz) - origin) * inverse;
+                vec3 near = min(t0, t1), far = max(t0, t1);
+                float enter = max(max(near.x, near.y), max(near.z, 0.0)), leave = min(min(far.x, far.y), min(far.z, distance));
+                bool inside = enter <= leave * 1.0000004;
+                bool leaf   = inside && high.w != 0u;
+                triangle = leaf ? int(high.w >> 3u) : triangle;
+                end      = leaf ? triangle + int(high.w & 7u) : end;
+                node     = inside && !leaf ? node + 1 : int(low.w);
             }
-#endif
-            return 0.0;
+            while (triangle < end && !hit) {
+                // Moeller & Trumbore 1997
+                uvec4 w0 = texelFetch(bvh_triangles, triangle * 3), w1 = texelFetch(bvh_triangles, triangle * 3 + 1);
+                uvec4 w2 = texelFetch(bvh_triangles, triangle * 3 + 2);
+                vec3 e1  = uintBitsToFloat(w1.xyz), e2 = uintBitsToFloat(w2.xyz);
+                vec3 p   = cross(direction, e2);
+                vec3 s   = origin - uintBitsToFloat(w0.xyz);
+                vec3 q   = cross(s, e1);
+                float determinant = dot(e1, p);
+                vec3 t   = vec3(dot(s, p), dot(direction, q), dot(e2, q)) / determinant;   // b1, b2, distance
+                // A ray in the triangle's plane makes infinities or no numbers, which miss.
+                hit = t.x >= 0.0 && t.y >= 0.0 && t.x + t.y <= 1.0 && t.z > 0.0 && t.z < distance;
+                b   = t.xy;
+                at  = uvec3(w0.w, w1.w, w2.w);
+                ++triangle;
+            }
         }
-        node = int(a.w);
+#ifdef GAPS
+        if (hit) share *= at.z == 0u ? 0.0 : share_at(int(at.x), int(at.y), b, direction);
+        walking = hit && share > 0.0;
+#else
+        share   = hit ? 0.0 : 1.0;
+        walking = false;
+#endif
     }
     return share;
 }

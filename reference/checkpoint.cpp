@@ -8,9 +8,11 @@
 #include "bake/error.hpp"
 #include "bake/image.hpp"
 
-namespace selvedge {
+namespace selvedge
+{
 
-namespace {
+namespace
+{
 
 constexpr char magic[8] = {'S', 'L', 'V', 'C', 'K', 'P', 'T', '1'};
 
@@ -41,9 +43,12 @@ template <class T> void put_all(std::string& bytes, const std::vector<T>& values
     bytes.append(reinterpret_cast<const char*>(values.data()), values.size() * sizeof(T));
 }
 
-class Reader {
-public:
-    Reader(const std::string& path, const std::string& bytes, std::size_t end) : path_(path), bytes_(bytes), end_(end) {}
+class Reader
+{
+  public:
+    Reader(const std::string& path, const std::string& bytes, std::size_t end) : path_(path), bytes_(bytes), end_(end)
+    {
+    }
     template <class T> T take()
     {
         T value;
@@ -58,9 +63,12 @@ public:
         if (count > 0) std::memcpy(values.data(), place(count * sizeof(T)), count * sizeof(T));
         return values;
     }
-    [[noreturn]] void damaged() const { throw InputError(path_, 0, "found a damaged checkpoint, expected a whole one (remove it to start anew)"); }
+    [[noreturn]] void damaged() const
+    {
+        throw InputError(path_, 0, "found a damaged checkpoint, expected a whole one (remove it to start anew)");
+    }
 
-private:
+  private:
     const char* place(std::size_t size)
     {
         if (size > end_ - at_) damaged();
@@ -77,9 +85,10 @@ private:
 std::string checkpoint_owner(const Scene& scene, const RenderSettings& settings)
 {
     return format_text("scene %s, %s, max depth %d, seed %u, %d x %d, region %d,%d,%d,%d, aovs %u, model %s",
-                       scene.hash.c_str(), settings.integrator == Integrator::direct ? "direct" : "path", settings.max_depth,
-                       settings.seed, settings.resolution.x, settings.resolution.y, settings.region.x, settings.region.y,
-                       settings.region.z, settings.region.w, settings.aovs, model_json(scene.model).dump().c_str());
+                       scene.hash.c_str(), settings.integrator == Integrator::direct ? "direct" : "path",
+                       settings.max_depth, settings.seed, settings.resolution.x, settings.resolution.y,
+                       settings.region.x, settings.region.y, settings.region.z, settings.region.w, settings.aovs,
+                       model_json(scene.model).dump().c_str());
 }
 
 void write_checkpoint(const std::string& path, const std::string& owner, const Checkpoint& checkpoint)
@@ -90,7 +99,9 @@ void write_checkpoint(const std::string& path, const std::string& owner, const C
     put_all(bytes, std::vector<char>(owner.begin(), owner.end()));
     put(bytes, checkpoint.block_length);
     put(bytes, checkpoint.seconds);
-    for (const std::uint64_t count : {state.samples, state.rays, state.shadow_rays, state.rays_saved, state.bad_samples}) put(bytes, count);
+    for (const std::uint64_t count :
+         {state.samples, state.rays, state.shadow_rays, state.rays_saved, state.bad_samples})
+        put(bytes, count);
     put_all(bytes, state.pixels);
     put_all(bytes, state.aovs);
     put(bytes, checksum(bytes, bytes.size()));
@@ -109,7 +120,7 @@ std::optional<Checkpoint> read_checkpoint(const std::string& path, const std::st
     std::memcpy(&stored, bytes.data() + end, 8);
     Reader reader(path, bytes, end);
     if (stored != checksum(bytes, end)) reader.damaged();
-    reader.take<std::uint64_t>();   // magic
+    reader.take<std::uint64_t>(); // magic
     const std::vector<char> found = reader.take_all<char>();
     if (std::string(found.begin(), found.end()) != owner)
         throw InputError(path, 0, "found a checkpoint of other work (%s), expected one of %s",
@@ -118,7 +129,8 @@ std::optional<Checkpoint> read_checkpoint(const std::string& path, const std::st
     checkpoint.block_length = reader.take<std::uint32_t>();
     checkpoint.seconds = reader.take<double>();
     RenderState& state = checkpoint.state;
-    for (std::uint64_t* count : {&state.samples, &state.rays, &state.shadow_rays, &state.rays_saved, &state.bad_samples})
+    for (std::uint64_t* count :
+         {&state.samples, &state.rays, &state.shadow_rays, &state.rays_saved, &state.bad_samples})
         *count = reader.take<std::uint64_t>();
     state.pixels = reader.take_all<PixelSums>();
     state.aovs = reader.take_all<double>();

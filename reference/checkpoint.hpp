@@ -1,4 +1,5 @@
-// The state of an unfinished picture on disk, so that a later run goes on with the same bits. selvedge-render includes it.
+// The state of an unfinished picture on disk, so that a later run goes on with the same bits. selvedge-render includes
+// it.
 #pragma once
 
 #include <optional>
@@ -6,11 +7,12 @@
 
 #include "reference/integrator.hpp"
 
-namespace selvedge {
+namespace selvedge
+{
 
 struct Checkpoint {
     std::uint32_t block_length = 0;
-    double seconds = 0.0;   // of rendering so far
+    double seconds = 0.0; // of rendering so far
     RenderState state;
 };
 

@@ -8,13 +8,18 @@
 #include "bake/error.hpp"
 #include "bake/image.hpp"
 
-namespace selvedge {
+namespace selvedge
+{
 
-namespace {
+namespace
+{
 
-constexpr float half_float_max = 65504.0f;   // what an infinite texel becomes: the brightest that a half EXR can hold
+constexpr float half_float_max = 65504.0f; // what an infinite texel becomes: the brightest that a half EXR can hold
 
-double luminance(glm::vec4 colour) { return 0.2126 * double(colour.x) + 0.7152 * double(colour.y) + 0.0722 * double(colour.z); }
+double luminance(glm::vec4 colour)
+{
+    return 0.2126 * double(colour.x) + 0.7152 * double(colour.y) + 0.0722 * double(colour.z);
+}
 
 // Solid angle of a texel of row y over 2 pi / width.
 double row_measure(int y, int height)
@@ -104,19 +109,19 @@ Environment load_environment(const std::string& path, std::vector<std::string>& 
                 environment.texels[at][c] = value;
             }
     if (negative + not_a_number + infinite > 0)
-        warnings.push_back(format_text("%s: %zu negative and %zu NaN values taken as 0, %zu infinite ones as %g", path.c_str(),
-                                       negative, not_a_number, infinite, double(half_float_max)));
+        warnings.push_back(format_text("%s: %zu negative and %zu NaN values taken as 0, %zu infinite ones as %g",
+                                       path.c_str(), negative, not_a_number, infinite, double(half_float_max)));
     if (image.width != 2 * image.height)
-        warnings.push_back(format_text("%s: %d x %d pixels, expected twice as wide as high (latitude-longitude)", path.c_str(),
-                                       image.width, image.height));
+        warnings.push_back(format_text("%s: %d x %d pixels, expected twice as wide as high (latitude-longitude)",
+                                       path.c_str(), image.width, image.height));
     while (environment.size.x > environment_width_limit || environment.size.y > environment_width_limit) {
         glm::ivec2 size;
         environment.texels = halved(environment.texels, environment.size, size);
         environment.size = size;
     }
 
-    // The density of a texel is its mean radiance after the bilinear filter: wherever the filtered picture shines at all,
-    // the density is above 0, which cloth_direct's MIS relies on.
+    // The density of a texel is its mean radiance after the bilinear filter: wherever the filtered picture shines at
+    // all, the density is above 0, which cloth_direct's MIS relies on.
     const int w = environment.size.x, h = environment.size.y;
     std::vector<double> probability(std::size_t(w) * std::size_t(h));
     double total = 0.0;
@@ -133,14 +138,15 @@ Environment load_environment(const std::string& path, std::vector<std::string>& 
             total += probability[std::size_t(y) * std::size_t(w) + std::size_t(x)] = mean * measure;
         }
     }
-    if (!(total > 0.0)) throw InputError(path, 0, "found a picture that is black all over, expected an environment that shines");
+    if (!(total > 0.0))
+        throw InputError(path, 0, "found a picture that is black all over, expected an environment that shines");
     build_table(environment, probability);
     return environment;
 }
 
 Environment constant_environment(glm::vec3 radiance)
 {
-    constexpr int rows = 64;   // density within a row is constant over v: enough rows make it follow the sine
+    constexpr int rows = 64; // density within a row is constant over v: enough rows make it follow the sine
     Environment environment;
     environment.size = {1, rows};
     environment.texels.assign(rows, glm::vec4(radiance, 0.0f));

@@ -7,7 +7,8 @@
 
 #include "reference/scene.hpp"
 
-namespace selvedge {
+namespace selvedge
+{
 
 // Largest table; a larger picture is halved until it fits.
 inline constexpr int environment_width_limit = 8192;

@@ -8,9 +8,11 @@
 #include "bake/error.hpp"
 #include "glsl/cloth_bsdf.hpp"
 
-namespace selvedge {
+namespace selvedge
+{
 
-namespace {
+namespace
+{
 
 std::string lower_extension(const std::string& path)
 {
@@ -33,7 +35,8 @@ RenderResult::RenderResult(int width_, int height_) : width(width_), height(heig
 Image result_image(const RenderResult& result)
 {
     std::vector<std::string> channels = {"R", "G", "B", "A", "variance.R", "variance.G", "variance.B", "samples"};
-    for (const ResultLayer& layer : result.layers) channels.insert(channels.end(), layer.channels.begin(), layer.channels.end());
+    for (const ResultLayer& layer : result.layers)
+        channels.insert(channels.end(), layer.channels.begin(), layer.channels.end());
     Image image(result.width, result.height, channels);
     std::size_t at = 0;
     for (int y = 0; y < result.height; ++y)
@@ -76,7 +79,8 @@ void check_result_path(const std::string& path)
     if (folder.empty()) folder = ".";
     if (!std::filesystem::is_directory(folder, code))
         throw InputError(path, 0, "found no folder %s to write it into", folder.c_str());
-    if (std::filesystem::is_directory(path, code)) throw InputError(path, 0, "found a folder, expected a file to write");
+    if (std::filesystem::is_directory(path, code))
+        throw InputError(path, 0, "found a folder, expected a file to write");
 }
 
 void write_result(const std::string& path, const RenderResult& result, float exposure, const ImageMetadata& metadata)

@@ -10,25 +10,26 @@
 
 #include "bake/image.hpp"
 
-namespace selvedge {
+namespace selvedge
+{
 
 // Further layers of a picture: one float per pixel and channel.
 struct ResultLayer {
-    std::vector<std::string> channels;   // "normal.X", ...
-    std::vector<float> values;           // pixel-major, row 0 at the top
+    std::vector<std::string> channels; // "normal.X", ...
+    std::vector<float> values;         // pixel-major, row 0 at the top
 };
 
 // Row 0 is the top row. Vectors hold width * height values.
 struct RenderResult {
     int width = 0, height = 0;
-    std::vector<glm::vec3> mean;          // scene-linear radiance
-    std::vector<glm::vec3> variance;      // of `mean`, from the spread of complete blocks; 0 where there are fewer than two
-    std::vector<float> alpha;             // share of samples that met a surface; empty: 1 everywhere
-    std::vector<std::uint32_t> samples;   // per pixel
+    std::vector<glm::vec3> mean;     // scene-linear radiance
+    std::vector<glm::vec3> variance; // of `mean`, from the spread of complete blocks; 0 where there are fewer than two
+    std::vector<float> alpha;        // share of samples that met a surface; empty: 1 everywhere
+    std::vector<std::uint32_t> samples; // per pixel
     std::vector<ResultLayer> layers;
 
     RenderResult() = default;
-    RenderResult(int width, int height);  // zeros
+    RenderResult(int width, int height); // zeros
 };
 
 // R, G, B, A, variance.R, variance.G, variance.B, samples, then the layers.
@@ -40,15 +41,15 @@ Image display_image(const RenderResult& result, float exposure);
 // Writes `path`: .exr (float, everything) or .png (8 bits, exposed by `exposure` stops). Whole or not touched.
 //   throws  UsageError for another ending (check_result_path tells before the work is done); InputError as write_exr
 void write_result(const std::string& path, const RenderResult& result, float exposure, const ImageMetadata& metadata);
-void check_result_path(const std::string& path);   // also: throws InputError where the folder does not exist
+void check_result_path(const std::string& path); // also: throws InputError where the folder does not exist
 
 // Sums of one pixel. Samples come in blocks of equal length; the spread of the block means is the error estimate, since
 // samples inside a block are stratified against each other and blocks are not.
 struct PixelSums {
-    glm::dvec3 block{0.0};     // samples of the block that is not complete yet
-    glm::dvec3 total{0.0};     // of complete blocks
-    glm::dvec3 squares{0.0};   // of complete blocks' sums
-    double hits = 0.0;         // samples that met a surface
+    glm::dvec3 block{0.0};   // samples of the block that is not complete yet
+    glm::dvec3 total{0.0};   // of complete blocks
+    glm::dvec3 squares{0.0}; // of complete blocks' sums
+    double hits = 0.0;       // samples that met a surface
 
     // After the last sample of a block.
     void finish_block()

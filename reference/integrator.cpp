@@ -8,18 +8,21 @@
 #include <tbb/blocked_range2d.h>
 #include <tbb/parallel_for.h>
 
-namespace selvedge {
+namespace selvedge
+{
 
 namespace f32 = cloth::f32;
 
-namespace {
+namespace
+{
 
 constexpr int tile_side = 16;
-constexpr int layer_limit = 1024;   // sheets that a ray passes through before it is given up
-constexpr int roulette_start = 3;   // bounces that are never cut short
+constexpr int layer_limit = 1024; // sheets that a ray passes through before it is given up
+constexpr int roulette_start = 3; // bounces that are never cut short
 
-// A bounce has no pixel; it sees as wide a spot as its lobe is wide: half the side of a square of solid angle 1/pdf. So a
-// diffuse bounce averages over repeats of a fabric, which is what it would do with many samples (math.md 10, hazard 18).
+// A bounce has no pixel; it sees as wide a spot as its lobe is wide: half the side of a square of solid angle 1/pdf. So
+// a diffuse bounce averages over repeats of a fabric, which is what it would do with many samples (math.md 10, hazard
+// 18).
 constexpr float bounce_spread_min = 1e-3f, bounce_spread_max = 0.25f;
 
 f32::ClothRay bounce_ray(glm::vec3 origin, glm::vec3 direction, float pdf)
@@ -29,13 +32,17 @@ f32::ClothRay bounce_ray(glm::vec3 origin, glm::vec3 direction, float pdf)
     return {origin, direction, frame.x * spread, frame.y * spread};
 }
 
-float largest(glm::vec3 v) { return std::max(v.x, std::max(v.y, v.z)); }
+float largest(glm::vec3 v)
+{
+    return std::max(v.x, std::max(v.y, v.z));
+}
 
 } // namespace
 
 int aov_channels(unsigned aovs)
 {
-    return (aovs & aov_normal ? 3 : 0) + (aovs & aov_depth ? 1 : 0) + (aovs & aov_uv ? 2 : 0) + (aovs & aov_albedo ? 3 : 0);
+    return (aovs & aov_normal ? 3 : 0) + (aovs & aov_depth ? 1 : 0) + (aovs & aov_uv ? 2 : 0) +
+           (aovs & aov_albedo ? 3 : 0);
 }
 
 struct Renderer::Counters {
@@ -51,7 +58,8 @@ struct Renderer::Vertex {
 };
 
 Renderer::Renderer(const Scene& scene, const RayScene& rays, const RenderSettings& settings)
-    : scene_(scene), rays_(rays), settings_(settings), camera_(make_camera(scene.camera, settings.resolution)), lights_(lights_of(scene))
+    : scene_(scene), rays_(rays), settings_(settings), camera_(make_camera(scene.camera, settings.resolution)),
+      lights_(lights_of(scene))
 {
     for (const SceneObject& object : scene.objects)
         maps_.push_back(object.fabric >= 0 ? maps_of(scene.fabrics[std::size_t(object.fabric)]) : f32::ClothMaps{});
@@ -59,7 +67,8 @@ Renderer::Renderer(const Scene& scene, const RayScene& rays, const RenderSetting
 
 RenderState Renderer::start() const
 {
-    const std::size_t width = std::size_t(settings_.region.z - settings_.region.x), height = std::size_t(settings_.region.w - settings_.region.y);
+    const std::size_t width = std::size_t(settings_.region.z - settings_.region.x),
+                      height = std::size_t(settings_.region.w - settings_.region.y);
     RenderState state;
     state.pixels.resize(width * height);
     state.aovs.assign(width * height * std::size_t(aov_channels(settings_.aovs)), 0.0);
@@ -88,10 +97,11 @@ bool Renderer::find_vertex(Vertex& vertex, const f32::ClothRay& ray, f32::ClothR
         }
         f32::ClothRandom layer_random = random;
         layer_random.seed = f32::cloth_hash_combine(f32::cloth_hash_combine(random.seed, hit.object), hit.triangle);
-        const f32::ClothFootprint footprint{vertex.surface.tile, vertex.surface.tile_dx, vertex.surface.tile_dy, object.mesh.tile_base[hit.triangle]};
+        const f32::ClothFootprint footprint{vertex.surface.tile, vertex.surface.tile_dx, vertex.surface.tile_dy,
+                                            object.mesh.tile_base[hit.triangle]};
         const f32::ClothMaps& maps = maps_[hit.object];
-        const f32::ClothSelection selection =
-            f32::cloth_select(maps, vertex.surface.side, footprint, vertex.surface.wo, scene_.model.settings, layer_random);
+        const f32::ClothSelection selection = f32::cloth_select(maps, vertex.surface.side, footprint, vertex.surface.wo,
+                                                                scene_.model.settings, layer_random);
         if (!selection.passes) {
             vertex.shading = f32::cloth_shade_fabric(selection);
             return true;
@@ -104,12 +114,14 @@ bool Renderer::find_vertex(Vertex& vertex, const f32::ClothRay& ray, f32::ClothR
 
 glm::vec3 Renderer::direct_light(const Vertex& vertex, f32::ClothRandom random, Counters& counters) const
 {
-    const f32::ClothDirect light = f32::cloth_direct(lights_, vertex.surface, vertex.shading, scene_.model.settings, random);
+    const f32::ClothDirect light =
+        f32::cloth_direct(lights_, vertex.surface, vertex.shading, scene_.model.settings, random);
     if (!light.any) {
         ++counters.rays_saved;
         return glm::vec3(0.0f);
     }
-    const glm::vec3 normal = glm::dot(light.wi, vertex.surface.normal_g) > 0.0f ? vertex.surface.normal_g : -vertex.surface.normal_g;
+    const glm::vec3 normal =
+        glm::dot(light.wi, vertex.surface.normal_g) > 0.0f ? vertex.surface.normal_g : -vertex.surface.normal_g;
     const glm::vec3 origin = f32::cloth_leave(vertex.surface.position, normal);
     ++counters.shadow_rays;
     return light.value * rays_.transmittance(origin, light.wi, light.distance * (1.0f - 1e-4f), scene_.model.settings);
@@ -119,23 +131,27 @@ void Renderer::add_aovs(double* sums, const Vertex& first, bool first_hit) const
 {
     if (settings_.aovs & aov_normal)
         for (int c = 0; c < 3; ++c) *sums++ += double(first.surface.frame.z[c]);
-    if (settings_.aovs & aov_depth) *sums++ += double(first.distance);   // the camera ray's forward component is 1
+    if (settings_.aovs & aov_depth) *sums++ += double(first.distance); // the camera ray's forward component is 1
     if (settings_.aovs & aov_uv)
         for (int c = 0; c < 2; ++c, ++sums)
             if (first_hit) *sums = double(first.surface.tile[c] - std::floor(first.surface.tile[c]));
     if (settings_.aovs & aov_albedo) {
         const f32::ClothYarn& yarn = first.shading.selection.yarn;
-        const glm::vec3 albedo =
-            first.shading.matte ? first.shading.albedo : glm::min(yarn.albedo_r + yarn.diffuse_r + yarn.diffuse_t, glm::vec3(1.0f));
+        const glm::vec3 albedo = first.shading.matte
+                                     ? first.shading.albedo
+                                     : glm::min(yarn.albedo_r + yarn.diffuse_r + yarn.diffuse_t, glm::vec3(1.0f));
         for (int c = 0; c < 3; ++c) *sums++ += double(albedo[c]);
     }
 }
 
-glm::vec3 Renderer::sample(glm::ivec2 pixel, std::uint32_t block, std::uint32_t index, Counters& counters, Vertex& first, bool& hit) const
+glm::vec3 Renderer::sample(glm::ivec2 pixel, std::uint32_t block, std::uint32_t index, Counters& counters,
+                           Vertex& first, bool& hit) const
 {
-    const std::uint32_t pixel_index = std::uint32_t(pixel.y) * std::uint32_t(settings_.resolution.x) + std::uint32_t(pixel.x);
+    const std::uint32_t pixel_index =
+        std::uint32_t(pixel.y) * std::uint32_t(settings_.resolution.x) + std::uint32_t(pixel.x);
     f32::ClothRandom random{
-        f32::cloth_hash_combine(f32::cloth_hash_combine(f32::cloth_hash(settings_.seed), pixel_index), block), index, 0u};
+        f32::cloth_hash_combine(f32::cloth_hash_combine(f32::cloth_hash(settings_.seed), pixel_index), block), index,
+        0u};
     const glm::vec2 centre = glm::vec2(pixel) + glm::vec2(0.5f);
     f32::ClothRay ray = f32::cloth_camera_ray(
         camera_, centre + f32::cloth_filter_offset(scene_.film.filter, f32::cloth_draw(random, f32::cloth_dim_pixel)));
@@ -156,10 +172,12 @@ glm::vec3 Renderer::sample(glm::ivec2 pixel, std::uint32_t block, std::uint32_t 
         // As in cloth_direct: both normals must agree on the side.
         const float side = glm::dot(wi, vertex.surface.normal_g);
         if (bounce.wi.z * side <= 0.0f) break;
-        throughput *= f32::cloth_shading_value(vertex.shading, bounce.wi, vertex.surface.wo, scene_.model.settings) / bounce.pdf;
+        throughput *=
+            f32::cloth_shading_value(vertex.shading, bounce.wi, vertex.surface.wo, scene_.model.settings) / bounce.pdf;
         if (!(largest(throughput) > 0.0f)) break;
 
-        const glm::vec3 origin = f32::cloth_leave(vertex.surface.position, side > 0.0f ? vertex.surface.normal_g : -vertex.surface.normal_g);
+        const glm::vec3 origin =
+            f32::cloth_leave(vertex.surface.position, side > 0.0f ? vertex.surface.normal_g : -vertex.surface.normal_g);
         random.offset += f32::cloth_dims_per_vertex;
         if (depth > roulette_start) {
             // The row of the pixel filter is free from the second vertex on.
@@ -168,7 +186,7 @@ glm::vec3 Renderer::sample(glm::ivec2 pixel, std::uint32_t block, std::uint32_t 
             throughput /= survive;
         }
         ray = bounce_ray(origin, glm::normalize(wi), bounce.pdf);
-        if (!find_vertex(vertex, ray, random, counters)) break;   // the environment is counted by cloth_direct
+        if (!find_vertex(vertex, ray, random, counters)) break; // the environment is counted by cloth_direct
         radiance += throughput * direct_light(vertex, random, counters);
     }
     return radiance;
@@ -188,35 +206,37 @@ void Renderer::add_samples(RenderState& state, std::uint32_t count) const
     const std::size_t width = std::size_t(region.z - region.x);
     const std::size_t channels = std::size_t(aov_channels(settings_.aovs));
     std::atomic<std::uint64_t> rays{0}, shadow_rays{0}, rays_saved{0}, bad_samples{0};
-    tbb::parallel_for(
-        tbb::blocked_range2d<int>(region.y, region.w, tile_side, region.x, region.z, tile_side),
-        [&](const tbb::blocked_range2d<int>& tile) {
-            Counters counters;
-            Vertex first;
-            for (int y = tile.rows().begin(); y < tile.rows().end(); ++y)
-                for (int x = tile.cols().begin(); x < tile.cols().end(); ++x) {
-                    const std::size_t at = std::size_t(y - region.y) * width + std::size_t(x - region.x);
-                    PixelSums& sums = state.pixels[at];
-                    for (std::uint32_t k = 0; k < count; ++k) {
-                        const std::uint64_t s = state.samples + k;
-                        const std::uint32_t index = std::uint32_t(s % settings_.block_length);
-                        bool hit = false;
-                        glm::vec3 radiance = sample({x, y}, std::uint32_t(s / settings_.block_length), index, counters, first, hit);
-                        if (!(std::min(radiance.x, std::min(radiance.y, radiance.z)) >= 0.0f) || !std::isfinite(radiance.x + radiance.y + radiance.z)) {
-                            ++counters.bad_samples;
-                            radiance = glm::vec3(0.0f);
-                        }
-                        sums.block += glm::dvec3(radiance);
-                        if (hit && channels > 0) add_aovs(state.aovs.data() + at * channels, first, sums.hits == 0.0);
-                        sums.hits += hit ? 1.0 : 0.0;
-                        if (index + 1 == settings_.block_length) sums.finish_block();
-                    }
-                }
-            rays += counters.rays;
-            shadow_rays += counters.shadow_rays;
-            rays_saved += counters.rays_saved;
-            bad_samples += counters.bad_samples;
-        });
+    tbb::parallel_for(tbb::blocked_range2d<int>(region.y, region.w, tile_side, region.x, region.z, tile_side),
+                      [&](const tbb::blocked_range2d<int>& tile) {
+                          Counters counters;
+                          Vertex first;
+                          for (int y = tile.rows().begin(); y < tile.rows().end(); ++y)
+                              for (int x = tile.cols().begin(); x < tile.cols().end(); ++x) {
+                                  const std::size_t at = std::size_t(y - region.y) * width + std::size_t(x - region.x);
+                                  PixelSums& sums = state.pixels[at];
+                                  for (std::uint32_t k = 0; k < count; ++k) {
+                                      const std::uint64_t s = state.samples + k;
+                                      const std::uint32_t index = std::uint32_t(s % settings_.block_length);
+                                      bool hit = false;
+                                      glm::vec3 radiance = sample({x, y}, std::uint32_t(s / settings_.block_length),
+                                                                  index, counters, first, hit);
+                                      if (!(std::min(radiance.x, std::min(radiance.y, radiance.z)) >= 0.0f) ||
+                                          !std::isfinite(radiance.x + radiance.y + radiance.z)) {
+                                          ++counters.bad_samples;
+                                          radiance = glm::vec3(0.0f);
+                                      }
+                                      sums.block += glm::dvec3(radiance);
+                                      if (hit && channels > 0)
+                                          add_aovs(state.aovs.data() + at * channels, first, sums.hits == 0.0);
+                                      sums.hits += hit ? 1.0 : 0.0;
+                                      if (index + 1 == settings_.block_length) sums.finish_block();
+                                  }
+                              }
+                          rays += counters.rays;
+                          shadow_rays += counters.shadow_rays;
+                          rays_saved += counters.rays_saved;
+                          bad_samples += counters.bad_samples;
+                      });
     state.samples += count;
     state.rays += rays;
     state.shadow_rays += shadow_rays;

@@ -29,15 +29,20 @@
 #define SELVEDGE_ASSETS_INSTALLED "/usr/share/selvedge/assets"
 #endif
 
-namespace selvedge {
+namespace selvedge
+{
 
-namespace {
+namespace
+{
 
 constexpr std::uintmax_t file_size_limit = std::uintmax_t(2) << 30;
-constexpr std::size_t triangle_limit = std::size_t(1) << 27;   // an index into a BVH leaf has 29 bits
-constexpr float position_limit = 1e9f;                         // squares of lengths stay finite in float
+constexpr std::size_t triangle_limit = std::size_t(1) << 27; // an index into a BVH leaf has 29 bits
+constexpr float position_limit = 1e9f;                       // squares of lengths stay finite in float
 
-bool is_finite(glm::vec3 v) { return std::isfinite(v.x) && std::isfinite(v.y) && std::isfinite(v.z); }
+bool is_finite(glm::vec3 v)
+{
+    return std::isfinite(v.x) && std::isfinite(v.y) && std::isfinite(v.z);
+}
 
 struct VertexKey {
     std::array<std::uint32_t, 6> words;
@@ -55,7 +60,7 @@ struct VertexKeyHash {
 
 VertexKey vertex_key(glm::vec3 position, glm::vec3 normal)
 {
-    position += glm::vec3(0.0f);   // -0 and 0 are one place
+    position += glm::vec3(0.0f); // -0 and 0 are one place
     normal += glm::vec3(0.0f);
     VertexKey key;
     std::memcpy(key.words.data(), &position, 12);
@@ -64,12 +69,14 @@ VertexKey vertex_key(glm::vec3 position, glm::vec3 normal)
 }
 
 // Gives each corner's position and normal an index, equal ones the same.
-class VertexPool {
-public:
+class VertexPool
+{
+  public:
     explicit VertexPool(SourceMesh& mesh) : mesh_(mesh) {}
     std::uint32_t add(glm::vec3 position, glm::vec3 normal)
     {
-        const auto [place, fresh] = index_.try_emplace(vertex_key(position, normal), std::uint32_t(mesh_.positions.size()));
+        const auto [place, fresh] =
+            index_.try_emplace(vertex_key(position, normal), std::uint32_t(mesh_.positions.size()));
         if (fresh) {
             mesh_.positions.push_back(position);
             mesh_.normals.push_back(normal);
@@ -77,7 +84,7 @@ public:
         return place->second;
     }
 
-private:
+  private:
     SourceMesh& mesh_;
     std::unordered_map<VertexKey, std::uint32_t, VertexKeyHash> index_;
 };
@@ -104,7 +111,8 @@ void make_missing_normals(SourceMesh& mesh)
         if (mesh.normals[v] != glm::vec3(0.0f)) continue;
         const auto found = sums.find(vertex_key(mesh.positions[v], glm::vec3(0.0f)));
         const double length = found == sums.end() ? 0.0 : glm::length(found->second);
-        // Faces that cancel out, or a vertex of degenerate faces only: any normal; cloth_surface takes the geometric one.
+        // Faces that cancel out, or a vertex of degenerate faces only: any normal; cloth_surface takes the geometric
+        // one.
         mesh.normals[v] = length > 1e-9 ? glm::vec3(found->second / length) : glm::vec3(0.0f, 1.0f, 0.0f);
     }
 }
@@ -117,10 +125,11 @@ std::string one_line(std::string text)
     return text;
 }
 
-// Gathers what assimp complains of while it lives: it goes on after errors, with less than the file holds. The logger is
-// global, so files are loaded one at a time.
-class Complaints {
-public:
+// Gathers what assimp complains of while it lives: it goes on after errors, with less than the file holds. The logger
+// is global, so files are loaded one at a time.
+class Complaints
+{
+  public:
     Complaints()
     {
         Assimp::DefaultLogger::create(nullptr, Assimp::Logger::NORMAL, 0);
@@ -136,14 +145,15 @@ public:
     const std::string& first() const { return stream_.first; }
     std::size_t count() const { return stream_.count; }
 
-private:
+  private:
     struct Stream : Assimp::LogStream {
         void write(const char* message) override
         {
             std::string text = one_line(message);
             // "Error, T0: OBJ: ..."
-            if (const auto colon = text.find(": "); text.rfind("Error, ", 0) == 0 && colon != std::string::npos) text = text.substr(colon + 2);
-            if (text.find("material") != std::string::npos) return;   // its colours are not ours
+            if (const auto colon = text.find(": "); text.rfind("Error, ", 0) == 0 && colon != std::string::npos)
+                text = text.substr(colon + 2);
+            if (text.find("material") != std::string::npos) return; // its colours are not ours
             if (count++ == 0) first = text;
         }
         std::string first;
@@ -157,9 +167,9 @@ struct Gathered {
     SourceMesh mesh;
     VertexPool pool{mesh};
     std::size_t corners_without_uv = 0, corners_without_normal = 0;
-    std::size_t left_out = 0;      // points and lines
+    std::size_t left_out = 0; // points and lines
     std::size_t complaints = 0;
-    std::string complaint;         // the first
+    std::string complaint; // the first
 
     std::uint32_t add_corner(glm::vec3 position, glm::vec3 normal, const glm::vec2* uv)
     {
@@ -176,8 +186,8 @@ struct Gathered {
 void check_position(const std::string& path, std::size_t vertex, glm::vec3 p)
 {
     if (!is_finite(p) || std::max({std::abs(p.x), std::abs(p.y), std::abs(p.z)}) > position_limit)
-        throw InputError(path, 0, "vertex %zu: found position (%g, %g, %g), expected finite numbers up to %g", vertex, double(p.x),
-                         double(p.y), double(p.z), double(position_limit));
+        throw InputError(path, 0, "vertex %zu: found position (%g, %g, %g), expected finite numbers up to %g", vertex,
+                         double(p.x), double(p.y), double(p.z), double(position_limit));
 }
 
 // Indices out of range would crash assimp's own steps, so they are looked at before any of those runs.
@@ -231,28 +241,34 @@ void gather_node(Gathered& out, const aiScene& scene, const aiNode& node, const 
         gather_node(out, scene, *node.mChildren[c], pose, depth + 1);
 }
 
-// Cuts a polygon into triangles by its ears, in the plane that it lies in most. A polygon that crosses itself gives a fan.
+// Cuts a polygon into triangles by its ears, in the plane that it lies in most. A polygon that crosses itself gives a
+// fan.
 //   corners  indices into `positions`;  calls add(a, b, c) with places in `corners`
-template <class Add> void cut_polygon(const std::vector<glm::vec3>& positions, const std::uint32_t* corners, std::uint32_t count, Add&& add)
+template <class Add>
+void cut_polygon(const std::vector<glm::vec3>& positions, const std::uint32_t* corners, std::uint32_t count, Add&& add)
 {
     if (count == 3) return add(0u, 1u, 2u);
-    glm::dvec3 normal(0.0);   // Newell's sum
+    glm::dvec3 normal(0.0); // Newell's sum
     const glm::dvec3 origin = positions[corners[0]];
     for (std::uint32_t k = 0; k < count; ++k)
-        normal += glm::cross(glm::dvec3(positions[corners[k]]) - origin, glm::dvec3(positions[corners[(k + 1) % count]]) - origin);
+        normal += glm::cross(glm::dvec3(positions[corners[k]]) - origin,
+                             glm::dvec3(positions[corners[(k + 1) % count]]) - origin);
     const auto turn = [&](std::uint32_t a, std::uint32_t b, std::uint32_t c) {
         const glm::dvec3 p = positions[corners[a]];
-        return glm::dot(glm::cross(glm::dvec3(positions[corners[b]]) - p, glm::dvec3(positions[corners[c]]) - p), normal);
+        return glm::dot(glm::cross(glm::dvec3(positions[corners[b]]) - p, glm::dvec3(positions[corners[c]]) - p),
+                        normal);
     };
     std::vector<std::uint32_t> left(count);
     for (std::uint32_t k = 0; k < count; ++k) left[k] = k;
     while (left.size() > 3) {
         std::size_t ear = left.size();
         for (std::size_t k = 0; k < left.size() && ear == left.size(); ++k) {
-            const std::uint32_t a = left[(k + left.size() - 1) % left.size()], b = left[k], c = left[(k + 1) % left.size()];
+            const std::uint32_t a = left[(k + left.size() - 1) % left.size()], b = left[k],
+                                c = left[(k + 1) % left.size()];
             if (turn(a, b, c) <= 0.0) continue;
             const bool empty = std::none_of(left.begin(), left.end(), [&](std::uint32_t p) {
-                return p != a && p != b && p != c && turn(a, b, p) >= 0.0 && turn(b, c, p) >= 0.0 && turn(c, a, p) >= 0.0;
+                return p != a && p != b && p != c && turn(a, b, p) >= 0.0 && turn(b, c, p) >= 0.0 &&
+                       turn(c, a, p) >= 0.0;
             });
             if (empty) ear = k;
         }
@@ -263,7 +279,7 @@ template <class Add> void cut_polygon(const std::vector<glm::vec3>& positions, c
     add(left[0], left[1], left[2]);
 }
 
-constexpr std::uint32_t polygon_limit = 4096;   // corners: cutting takes their number cubed at worst
+constexpr std::uint32_t polygon_limit = 4096; // corners: cutting takes their number cubed at worst
 
 void gather_ply(Gathered& out, const std::string& path)
 {
@@ -276,15 +292,19 @@ void gather_ply(Gathered& out, const std::string& path)
             ++out.left_out;
             continue;
         }
-        if (count > polygon_limit) throw InputError(path, 0, "face %zu: found %u corners, expected at most %u", f, count, polygon_limit);
+        if (count > polygon_limit)
+            throw InputError(path, 0, "face %zu: found %u corners, expected at most %u", f, count, polygon_limit);
         const std::uint32_t* corners = file.corners.data() + first;
         cut_polygon(file.positions, corners, count, [&](std::uint32_t a, std::uint32_t b, std::uint32_t c) {
             glm::uvec3 triangle;
             const std::uint32_t places[3] = {a, b, c};
             for (int k = 0; k < 3; ++k) {
                 const std::uint32_t v = corners[places[k]];
-                const glm::vec2* uv = !file.corner_uv.empty() ? &file.corner_uv[first + places[k]] : !file.uv.empty() ? &file.uv[v] : nullptr;
-                triangle[k] = out.add_corner(file.positions[v], file.normals.empty() ? glm::vec3(0.0f) : file.normals[v], uv);
+                const glm::vec2* uv = !file.corner_uv.empty() ? &file.corner_uv[first + places[k]]
+                                      : !file.uv.empty()      ? &file.uv[v]
+                                                              : nullptr;
+                triangle[k] =
+                    out.add_corner(file.positions[v], file.normals.empty() ? glm::vec3(0.0f) : file.normals[v], uv);
             }
             out.mesh.triangles.push_back(triangle);
         });
@@ -298,7 +318,8 @@ void check_glb(const std::string& path)
     std::array<unsigned char, 20> head{};
     file.read(reinterpret_cast<char*>(head.data()), std::streamsize(head.size()));
     const auto word = [&](std::size_t at) {
-        return std::uint64_t(head[at]) | std::uint64_t(head[at + 1]) << 8 | std::uint64_t(head[at + 2]) << 16 | std::uint64_t(head[at + 3]) << 24;
+        return std::uint64_t(head[at]) | std::uint64_t(head[at + 1]) << 8 | std::uint64_t(head[at + 2]) << 16 |
+               std::uint64_t(head[at + 3]) << 24;
     };
     std::error_code code;
     const std::uint64_t size = std::filesystem::file_size(path, code);
@@ -317,13 +338,15 @@ void gather_file(Gathered& out, const std::string& path, const std::string& exte
     // Only the formats that are asked for: assimp would guess others from the contents.
     for (std::size_t k = importer.GetImporterCount(); k-- > 0;) {
         const std::string known = std::string(" ") + importer.GetImporterInfo(k)->mFileExtensions + " ";
-        if (known.find(" " + extension.substr(1) + " ") == std::string::npos) importer.UnregisterLoader(importer.GetImporter(k));
+        if (known.find(" " + extension.substr(1) + " ") == std::string::npos)
+            importer.UnregisterLoader(importer.GetImporter(k));
     }
     const aiScene* scene = importer.ReadFile(path, 0);
     if (!scene) throw InputError(path, 0, "found a broken mesh file (%s)", one_line(importer.GetErrorString()).c_str());
     for (unsigned m = 0; m < scene->mNumMeshes; ++m) {
         check_mesh(path, *scene->mMeshes[m]);
-        for (unsigned f = 0; f < scene->mMeshes[m]->mNumFaces; ++f) out.left_out += scene->mMeshes[m]->mFaces[f].mNumIndices < 3 ? 1 : 0;
+        for (unsigned f = 0; f < scene->mMeshes[m]->mNumFaces; ++f)
+            out.left_out += scene->mMeshes[m]->mFaces[f].mNumIndices < 3 ? 1 : 0;
     }
     scene = importer.ApplyPostProcessing(aiProcess_Triangulate);
     if (!scene) throw InputError(path, 0, "found polygons that cannot be cut into triangles");
@@ -335,7 +358,8 @@ void gather_file(Gathered& out, const std::string& path, const std::string& exte
 // Area of a triangle in UV, signed.
 double uv_area(const SourceMesh& mesh, std::size_t triangle)
 {
-    const glm::dvec2 a = mesh.corner_uv[3 * triangle], b = mesh.corner_uv[3 * triangle + 1], c = mesh.corner_uv[3 * triangle + 2];
+    const glm::dvec2 a = mesh.corner_uv[3 * triangle], b = mesh.corner_uv[3 * triangle + 1],
+                     c = mesh.corner_uv[3 * triangle + 2];
     return 0.5 * ((b.x - a.x) * (c.y - a.y) - (c.x - a.x) * (b.y - a.y));
 }
 
@@ -389,7 +413,10 @@ template <class Point> void add_revolved(SourceMesh& mesh, int around, int up, P
 }
 
 // Going around y by phi, seen from above counter-clockwise, so that u to the right and v up face outward.
-glm::dvec2 on_circle(double phi) { return {std::sin(phi), std::cos(phi)}; }   // x, z
+glm::dvec2 on_circle(double phi)
+{
+    return {std::sin(phi), std::cos(phi)};
+} // x, z
 
 SourceMesh make_sphere()
 {
@@ -458,7 +485,8 @@ SourceMesh load_mesh(const std::string& path, bool needs_uv, std::vector<std::st
     std::string extension = std::filesystem::path(path).extension().string();
     for (char& c : extension) c = char(std::tolower(static_cast<unsigned char>(c)));
     if (extension != ".obj" && extension != ".ply" && extension != ".glb" && extension != ".gltf")
-        throw InputError(path, 0, "found \"%s\", expected a mesh that ends in .obj, .ply, .glb or .gltf", extension.c_str());
+        throw InputError(path, 0, "found \"%s\", expected a mesh that ends in .obj, .ply, .glb or .gltf",
+                         extension.c_str());
 
     Gathered gathered;
     if (extension == ".ply")
@@ -469,14 +497,16 @@ SourceMesh load_mesh(const std::string& path, bool needs_uv, std::vector<std::st
     if (mesh.triangles.empty()) {
         const std::string why = gathered.complaints > 0 ? " (" + gathered.complaint + ")" : "";
         if (gathered.left_out > 0)
-            throw InputError(path, 0, "found only %zu points or lines%s, expected triangles or polygons", gathered.left_out, why.c_str());
+            throw InputError(path, 0, "found only %zu points or lines%s, expected triangles or polygons",
+                             gathered.left_out, why.c_str());
         throw InputError(path, 0, "found no faces%s, expected triangles or polygons", why.c_str());
     }
     if (mesh.triangles.size() > triangle_limit)
         throw InputError(path, 0, "found %zu triangles, expected at most %zu", mesh.triangles.size(), triangle_limit);
     if (gathered.complaints > 0)
-        warnings.push_back(format_text("%s: %s%s", path.c_str(), gathered.complaint.c_str(),
-                                       gathered.complaints > 1 ? format_text(" (and %zu more complaints)", gathered.complaints - 1).c_str() : ""));
+        warnings.push_back(format_text(
+            "%s: %s%s", path.c_str(), gathered.complaint.c_str(),
+            gathered.complaints > 1 ? format_text(" (and %zu more complaints)", gathered.complaints - 1).c_str() : ""));
     if (gathered.left_out > 0)
         warnings.push_back(format_text("%s: %zu points or lines left out", path.c_str(), gathered.left_out));
     if (gathered.corners_without_normal > 0) {
@@ -493,10 +523,12 @@ SourceMesh load_mesh(const std::string& path, bool needs_uv, std::vector<std::st
         std::size_t flat = 0;
         for (std::size_t t = 0; t < mesh.triangles.size(); ++t) flat += std::abs(uv_area(mesh, t)) < 1e-14 ? 1 : 0;
         if (flat == mesh.triangles.size())
-            throw InputError(path, 0, "found UVs without any area, expected an unwrapped mesh since a fabric lies on it");
+            throw InputError(path, 0,
+                             "found UVs without any area, expected an unwrapped mesh since a fabric lies on it");
         if (flat > 0)
-            warnings.push_back(format_text("%s: %zu of %zu triangles have UVs without area: the cloth has no direction there",
-                                           path.c_str(), flat, mesh.triangles.size()));
+            warnings.push_back(
+                format_text("%s: %zu of %zu triangles have UVs without area: the cloth has no direction there",
+                            path.c_str(), flat, mesh.triangles.size()));
         if (gathered.corners_without_uv > 0)
             warnings.push_back(format_text("%s: %zu of %zu corners without UV, taken as (0, 0)", path.c_str(),
                                            gathered.corners_without_uv, 3 * mesh.triangles.size()));
@@ -535,8 +567,8 @@ Mesh place_mesh(const SourceMesh& source, const glm::dmat4& to_world, glm::dvec2
     for (std::size_t v = 0; v < source.positions.size(); ++v) {
         const glm::vec3 p(to_world * glm::dvec4(source.positions[v], 1.0));
         if (!is_finite(p) || std::max({std::abs(p.x), std::abs(p.y), std::abs(p.z)}) > position_limit)
-            throw InputError(name, 0, "found a vertex at (%g, %g, %g) after the transform, expected at most %g", double(p.x),
-                             double(p.y), double(p.z), double(position_limit));
+            throw InputError(name, 0, "found a vertex at (%g, %g, %g) after the transform, expected at most %g",
+                             double(p.x), double(p.y), double(p.z), double(position_limit));
         mesh.positions.push_back(p);
         const glm::dvec3 n = cofactor * glm::dvec3(source.normals[v]) * flip;
         const double length = glm::length(n);
@@ -571,7 +603,8 @@ Mesh place_mesh(const SourceMesh& source, const glm::dmat4& to_world, glm::dvec2
     }
     if (mesh.triangles.empty()) throw InputError(name, 0, "found only triangles without area, expected a surface");
     if (flat > 0)
-        warnings.push_back(format_text("%s: %zu of %zu triangles without area left out", name.c_str(), flat, source.triangles.size()));
+        warnings.push_back(
+            format_text("%s: %zu of %zu triangles without area left out", name.c_str(), flat, source.triangles.size()));
     return mesh;
 }
 

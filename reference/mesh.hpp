@@ -9,18 +9,19 @@
 
 #include "reference/scene.hpp"
 
-namespace selvedge {
+namespace selvedge
+{
 
 // A mesh in its own space, vertices shared wherever position and normal are the same.
 struct SourceMesh {
     std::vector<glm::vec3> positions;
-    std::vector<glm::vec3> normals;      // per vertex, unit
-    std::vector<glm::uvec3> triangles;   // counter-clockwise seen from the front
-    std::vector<glm::vec2> corner_uv;    // 3 per triangle; empty: the file has none
+    std::vector<glm::vec3> normals;    // per vertex, unit
+    std::vector<glm::uvec3> triangles; // counter-clockwise seen from the front
+    std::vector<glm::vec2> corner_uv;  // 3 per triangle; empty: the file has none
 };
 
-// Reads OBJ, PLY, GLB or GLTF: all its triangles and polygons, in the poses of its nodes. Points and lines are left out,
-// missing normals are made from the faces around a position, each with a warning.
+// Reads OBJ, PLY, GLB or GLTF: all its triangles and polygons, in the poses of its nodes. Points and lines are left
+// out, missing normals are made from the faces around a position, each with a warning.
 //   needs_uv  a fabric lies on it
 //   throws    InputError in one line: missing or broken file, no faces, positions that are not finite, indices out of
 //             range, no UVs where they are needed, UVs without any area

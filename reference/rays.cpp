@@ -15,16 +15,19 @@
 
 #include "bake/error.hpp"
 
-namespace selvedge {
+namespace selvedge
+{
 
 namespace f32 = cloth::f32;
 
-namespace {
+namespace
+{
 
 RTCDevice new_device()
 {
     RTCDevice device = rtcNewDevice(nullptr);
-    if (!device) throw std::runtime_error(format_text("Embree does not start (error %d)", int(rtcGetDeviceError(nullptr))));
+    if (!device)
+        throw std::runtime_error(format_text("Embree does not start (error %d)", int(rtcGetDeviceError(nullptr))));
     return device;
 }
 
@@ -43,7 +46,7 @@ struct ShadowContext {
     RTCIntersectContext base;
 #endif
     f32::ClothSettings settings;
-    float transmittance;   // of the sheets passed so far
+    float transmittance; // of the sheets passed so far
 };
 
 // What the filter knows about its geometry.
@@ -65,11 +68,12 @@ void pass_cloth(const RTCFilterFunctionNArguments* arguments)
 
     const f32::ClothTriangle triangle = triangle_of(*target.object, primitive);
     const glm::vec3 n = glm::cross(triangle.p1 - triangle.p0, triangle.p2 - triangle.p0);
-    const glm::vec3 n_g = f32::cloth_unit_vector(n * (1.0f / std::max({std::abs(n.x), std::abs(n.y), std::abs(n.z), 1e-30f})),
-                                                 glm::vec3(0.0f, 0.0f, 1.0f));
+    const glm::vec3 n_g = f32::cloth_unit_vector(
+        n * (1.0f / std::max({std::abs(n.x), std::abs(n.y), std::abs(n.z), 1e-30f})), glm::vec3(0.0f, 0.0f, 1.0f));
     const f32::ClothFrame frame = f32::cloth_uv_frame(triangle, n_g, n_g);
     const glm::vec2 tile = triangle.t0 + (triangle.t1 - triangle.t0) * u + (triangle.t2 - triangle.t0) * v;
-    const float share = f32::cloth_transmittance(target.maps, tile, f32::cloth_to_local(frame, direction), context.settings);
+    const float share =
+        f32::cloth_transmittance(target.maps, tile, f32::cloth_to_local(frame, direction), context.settings);
     if (share <= 0.0f) return;
     context.transmittance *= share;
     arguments->valid[0] = 0;
@@ -108,7 +112,8 @@ RayScene::RayScene(const Scene& scene) : state_(std::make_unique<State>())
     state.device = new_device();
     state.scene = rtcNewScene(state.device);
     rtcSetSceneFlags(state.scene, RTC_SCENE_FLAG_ROBUST);
-    // High quality splits triangles, and then Embree may show one crossing to the filter twice, which would be counted twice.
+    // High quality splits triangles, and then Embree may show one crossing to the filter twice, which would be counted
+    // twice.
     const bool filtered = std::any_of(scene.objects.begin(), scene.objects.end(),
                                       [&](const SceneObject& object) { return lets_rays_through(scene, object); });
     rtcSetSceneBuildQuality(state.scene, filtered ? RTC_BUILD_QUALITY_MEDIUM : RTC_BUILD_QUALITY_HIGH);
@@ -130,8 +135,8 @@ RayScene::RayScene(const Scene& scene) : state_(std::make_unique<State>())
         needs_.triangles += object.mesh.triangles.size();
         ++needs_.objects;
     }
-    // One thread builds: the order of equal hits in the tree, and with it the last bits of a picture, must not depend on
-    // how many cores there are.
+    // One thread builds: the order of equal hits in the tree, and with it the last bits of a picture, must not depend
+    // on how many cores there are.
     tbb::task_arena arena(1);
     arena.execute([&] { rtcJoinCommitScene(state.scene); });
     throw_on_error(state.device);
@@ -163,7 +168,8 @@ RayHit RayScene::closest(glm::vec3 origin, glm::vec3 direction, float near, floa
     return {true, query.hit.geomID, query.hit.primID, query.ray.tfar};
 }
 
-float RayScene::transmittance(glm::vec3 origin, glm::vec3 direction, float far, const f32::ClothSettings& settings) const
+float RayScene::transmittance(glm::vec3 origin, glm::vec3 direction, float far,
+                              const f32::ClothSettings& settings) const
 {
     RTCRay ray;
     ray.org_x = origin.x, ray.org_y = origin.y, ray.org_z = origin.z;
@@ -190,13 +196,15 @@ float RayScene::transmittance(glm::vec3 origin, glm::vec3 direction, float far, 
     return ray.tfar < 0.0f ? 0.0f : context.transmittance;
 }
 
-// ---- the preview's BVH -----------------------------------------------------------------------------------------------------
+// ---- the preview's BVH
+// -----------------------------------------------------------------------------------------------------
 
-namespace {
+namespace
+{
 
 struct BuildNode {
     RTCBounds bounds[2];
-    BuildNode* children[2] = {nullptr, nullptr};   // both null: a leaf
+    BuildNode* children[2] = {nullptr, nullptr}; // both null: a leaf
     std::uint32_t count = 0;
     glm::uvec2 triangles[4];
 };
@@ -210,7 +218,8 @@ void* create_node(RTCThreadLocalAllocator allocator, unsigned, void*)
 
 void set_children(void* node, void** children, unsigned count, void*)
 {
-    for (unsigned k = 0; k < count && k < 2; ++k) static_cast<BuildNode*>(node)->children[k] = static_cast<BuildNode*>(children[k]);
+    for (unsigned k = 0; k < count && k < 2; ++k)
+        static_cast<BuildNode*>(node)->children[k] = static_cast<BuildNode*>(children[k]);
 }
 
 void set_bounds(void* node, const RTCBounds** bounds, unsigned count, void*)
@@ -230,7 +239,8 @@ void* create_leaf(RTCThreadLocalAllocator allocator, const RTCBuildPrimitive* pr
 void flatten(Bvh& bvh, const BuildNode& node, const RTCBounds& bounds)
 {
     const std::size_t at = bvh.nodes.size();
-    bvh.nodes.push_back({{bounds.lower_x, bounds.lower_y, bounds.lower_z}, 0, {bounds.upper_x, bounds.upper_y, bounds.upper_z}, 0});
+    bvh.nodes.push_back(
+        {{bounds.lower_x, bounds.lower_y, bounds.lower_z}, 0, {bounds.upper_x, bounds.upper_y, bounds.upper_z}, 0});
     if (node.count > 0) {
         bvh.nodes[at].leaf = std::uint32_t(bvh.triangles.size() * 8) + node.count;
         bvh.triangles.insert(bvh.triangles.end(), node.triangles, node.triangles + node.count);
@@ -247,7 +257,8 @@ Bvh build_bvh(const Scene& scene)
 {
     std::size_t count = 0;
     for (const SceneObject& object : scene.objects) count += object.mesh.triangles.size();
-    if (count >= std::size_t(1) << 29) throw InputError("", 0, "found %zu triangles in the scene, expected less than 2^29", count);
+    if (count >= std::size_t(1) << 29)
+        throw InputError("", 0, "found %zu triangles in the scene, expected less than 2^29", count);
     Bvh bvh;
     if (count == 0) return bvh;
 
@@ -296,6 +307,9 @@ Bvh build_bvh(const Scene& scene)
     return bvh;
 }
 
-std::string embree_version() { return RTC_VERSION_STRING; }
+std::string embree_version()
+{
+    return RTC_VERSION_STRING;
+}
 
 } // namespace selvedge

@@ -1,5 +1,5 @@
-// Rays against the scene's triangles: closest hits, shadow rays that pass through gaps, and a BVH for the preview's shader.
-// The integrator and the preview include it; rays.cpp is the only file that includes Embree.
+// Rays against the scene's triangles: closest hits, shadow rays that pass through gaps, and a BVH for the preview's
+// shader. The integrator and the preview include it; rays.cpp is the only file that includes Embree.
 #pragma once
 
 #include <cstdint>
@@ -11,23 +11,25 @@
 
 #include "reference/scene.hpp"
 
-namespace selvedge {
+namespace selvedge
+{
 
 struct RayHit {
     bool any = false;
     std::uint32_t object = 0, triangle = 0;
-    float distance = 0.0f;   // in lengths of the direction, which need not be unit
+    float distance = 0.0f; // in lengths of the direction, which need not be unit
 };
 
 // What the scene did not need.
 struct RayNeeds {
     std::size_t triangles = 0;
-    int objects = 0, filtered_objects = 0;   // filtered: with gaps that a shadow ray has to look at
+    int objects = 0, filtered_objects = 0; // filtered: with gaps that a shadow ray has to look at
 };
 
 // The scene must outlive it and not change. Queries may run in any number of threads at once; they allocate nothing.
-class RayScene {
-public:
+class RayScene
+{
+  public:
     explicit RayScene(const Scene& scene);
     ~RayScene();
     RayScene(const RayScene&) = delete;
@@ -36,11 +38,12 @@ public:
     // First triangle with distance in [near, far], in lengths of `direction`.
     RayHit closest(glm::vec3 origin, glm::vec3 direction, float near, float far) const;
     // Share of the light that arrives: 0 behind matte, times cloth_transmittance for every sheet of cloth in the way.
-    float transmittance(glm::vec3 origin, glm::vec3 direction, float far, const cloth::f32::ClothSettings& settings) const;
+    float transmittance(glm::vec3 origin, glm::vec3 direction, float far,
+                        const cloth::f32::ClothSettings& settings) const;
 
     const RayNeeds& needs() const { return needs_; }
 
-private:
+  private:
     struct State;
     std::unique_ptr<State> state_;
     RayNeeds needs_;
@@ -52,18 +55,18 @@ struct BvhNode {
     glm::vec3 low;
     std::uint32_t skip;
     glm::vec3 high;
-    std::uint32_t leaf;   // 0: inner node; else first triangle * 8 + count, count in 1..7 (first indexes Bvh::triangles)
+    std::uint32_t leaf; // 0: inner node; else first triangle * 8 + count, count in 1..7 (first indexes Bvh::triangles)
 };
 
 struct Bvh {
-    std::vector<BvhNode> nodes;          // empty for a scene without triangles
-    std::vector<glm::uvec2> triangles;   // (object, triangle) in the order of the leaves
+    std::vector<BvhNode> nodes;        // empty for a scene without triangles
+    std::vector<glm::uvec2> triangles; // (object, triangle) in the order of the leaves
 };
 
 // Surface area heuristic at high quality, leaves of at most four triangles: for any-hit rays in the preview's shader.
 //   throws  InputError for more than 2^29 triangles
 Bvh build_bvh(const Scene& scene);
 
-std::string embree_version();   // "3.13.5"
+std::string embree_version(); // "3.13.5"
 
 } // namespace selvedge

@@ -29,7 +29,8 @@
 #include "reference/rays.hpp"
 #include "reference/scene.hpp"
 
-namespace {
+namespace
+{
 
 using namespace selvedge;
 namespace f32 = cloth::f32;
@@ -37,37 +38,40 @@ using Clock = std::chrono::steady_clock;
 
 constexpr const char* program = "selvedge-render";
 constexpr std::uint64_t default_samples = 64;
-constexpr std::uint64_t sample_limit = 1u << 24;   // counts stay exact in the float layer `samples`
-constexpr double pass_seconds = 0.25;              // a pass is as many samples as fit: SIGINT and --time wait for one
+constexpr std::uint64_t sample_limit = 1u << 24; // counts stay exact in the float layer `samples`
+constexpr double pass_seconds = 0.25;            // a pass is as many samples as fit: SIGINT and --time wait for one
 constexpr double forever = std::numeric_limits<double>::infinity();
 
 struct Options {
     std::string scene;
     std::vector<std::string> outputs;
-    std::uint64_t samples = 0;       // 0: no limit
-    double time_s = 0.0;             // 0: no limit
-    double target_error = 0.0;       // 0: no limit
+    std::uint64_t samples = 0; // 0: no limit
+    double time_s = 0.0;       // 0: no limit
+    double target_error = 0.0; // 0: no limit
     Integrator integrator = Integrator::direct;
     int max_depth = 32;
     ModelOptions model;
     std::uint32_t seed = 0;
-    int threads = 0;                 // 0: all
-    glm::ivec2 resolution{0, 0};     // 0: the scene's
-    glm::ivec4 region{-1};           // -1: all
+    int threads = 0;             // 0: all
+    glm::ivec2 resolution{0, 0}; // 0: the scene's
+    glm::ivec4 region{-1};       // -1: all
     unsigned aovs = 0;
     bool resume = false, json = false, quiet = false;
-    double checkpoint_s = 0.0;       // 0: no checkpoints
+    double checkpoint_s = 0.0; // 0: no checkpoints
     Overrides overrides;
 };
 
-// ---- command line ----------------------------------------------------------------------------------------------------------
+// ---- command line
+// ----------------------------------------------------------------------------------------------------------
 
 // CLI::Range lets NaN through.
 CLI::Validator between(double low, double high)
 {
     return {[=](std::string& text) {
                 const double value = std::strtod(text.c_str(), nullptr);
-                return value >= low && value <= high ? "" : format_text("found %s, expected %g to %g", text.c_str(), low, high);
+                return value >= low && value <= high
+                           ? ""
+                           : format_text("found %s, expected %g to %g", text.c_str(), low, high);
             },
             ""};
 }
@@ -83,20 +87,23 @@ std::vector<int> parse_integers(const char* option, const std::string& text, std
         from = comma + 1;
     }
     const std::size_t commas = std::size_t(std::count(text.begin(), text.end(), ','));
-    if (numbers.size() != count || commas + 1 != count) throw UsageError("%s: found '%s', expected %s", option, text.c_str(), form);
+    if (numbers.size() != count || commas + 1 != count)
+        throw UsageError("%s: found '%s', expected %s", option, text.c_str(), form);
     return numbers;
 }
 
 // `later`: words of the contract that this version cannot do; they are refused, never taken for something else.
-int parse_word(const char* option, const std::string& word, std::initializer_list<std::pair<const char*, int>> available,
-               const std::set<std::string>& later = {})
+int parse_word(const char* option, const std::string& word,
+               std::initializer_list<std::pair<const char*, int>> available, const std::set<std::string>& later = {})
 {
     std::string known;
     for (const auto& [name, value] : available) {
         if (word == name) return value;
         known += (known.empty() ? "" : ", ") + std::string(name);
     }
-    if (later.count(word)) throw UsageError("%s: '%s' is not available in this version, expected one of %s", option, word.c_str(), known.c_str());
+    if (later.count(word))
+        throw UsageError("%s: '%s' is not available in this version, expected one of %s", option, word.c_str(),
+                         known.c_str());
     throw UsageError("%s: found '%s', expected one of %s", option, word.c_str(), known.c_str());
 }
 
@@ -126,25 +133,31 @@ Options parse_options(int argc, char** argv, bool& done)
     bool version = false;
     CLI::App app("Renders a scene of cloth with the reference: shared shading source, Embree rays.", program);
     app.add_option("scene", options.scene, "SCENE.json");
-    app.add_option("-o,--output", options.outputs, "OUT.exr (all layers) or OUT.png (display transform); repeatable")->allow_extra_args(false);
+    app.add_option("-o,--output", options.outputs, "OUT.exr (all layers) or OUT.png (display transform); repeatable")
+        ->allow_extra_args(false);
     app.add_option("--spp", options.samples, "stop after N samples per pixel (default 64 where nothing else ends it)")
         ->check(between(1, double(sample_limit)));
     app.add_option("--time", options.time_s, "stop after SECONDS of rendering")->check(between(1e-3, 1e9));
     app.add_option("--target-error", options.target_error, "stop at this estimated relMSE")->check(between(1e-12, 1e6));
     app.add_option("--integrator", integrator, "direct (default), path");
-    app.add_option("--max-depth", options.max_depth, "path: surfaces that scatter along a path, 1 to 1024 (default 32; 1 is direct)")
+    app.add_option("--max-depth", options.max_depth,
+                   "path: surfaces that scatter along a path, 1 to 1024 (default 32; 1 is direct)")
         ->check(between(1, 1024));
     options.model.add_to(app);
     app.add_option("--seed", options.seed, "of all random numbers (default 0)")->check(between(0, 4294967295.0));
     app.add_option("--threads", options.threads, "threads (default: all cores)")->check(between(1, 1024));
     app.add_option("--resolution", resolution, "WIDTH,HEIGHT instead of the scene's");
-    app.add_option("--region", region, "X0,Y0,X1,Y1: only pixels X0 <= x < X1, Y0 <= y < Y1; the rest of the picture stays 0");
-    app.add_option("--aov", aovs, "NAME,...: further layers: normal, depth, uv, albedo (variance and samples are always there)")
+    app.add_option("--region", region,
+                   "X0,Y0,X1,Y1: only pixels X0 <= x < X1, Y0 <= y < Y1; the rest of the picture stays 0");
+    app.add_option("--aov", aovs,
+                   "NAME,...: further layers: normal, depth, uv, albedo (variance and samples are always there)")
         ->allow_extra_args(false);
     app.add_flag("--resume", options.resume, "go on from the checkpoint beside OUT, where there is one");
-    app.add_option("--checkpoint", options.checkpoint_s, "write OUT.checkpoint every SECONDS and at the end")->check(between(1e-3, 1e9));
+    app.add_option("--checkpoint", options.checkpoint_s, "write OUT.checkpoint every SECONDS and at the end")
+        ->check(between(1e-3, 1e9));
     app.add_option("-D", options.overrides,
-                   "path.to.key=value: overrides a value of the scene, or of fabrics (fabric.KEY for all, objects.N.fabric.KEY for one)")
+                   "path.to.key=value: overrides a value of the scene, or of fabrics (fabric.KEY for all, "
+                   "objects.N.fabric.KEY for one)")
         ->allow_extra_args(false);
     app.add_flag("--json", options.json, "one JSON object on stdout");
     app.add_flag("-q,--quiet", options.quiet, "no progress, no warnings, no summary");
@@ -167,7 +180,8 @@ Options parse_options(int argc, char** argv, bool& done)
     }
     if (options.scene.empty()) throw UsageError("no scene, expected SCENE.json");
     if (options.outputs.empty()) throw UsageError("no -o, expected OUT.exr or OUT.png");
-    options.integrator = Integrator(parse_word("--integrator", integrator, {{"direct", int(Integrator::direct)}, {"path", int(Integrator::path)}}));
+    options.integrator = Integrator(
+        parse_word("--integrator", integrator, {{"direct", int(Integrator::direct)}, {"path", int(Integrator::path)}}));
     options.model.prepend_to(options.overrides);
     if (!resolution.empty()) {
         const std::vector<int> n = parse_integers("--resolution", resolution, 2, "WIDTH,HEIGHT");
@@ -185,21 +199,26 @@ Options parse_options(int argc, char** argv, bool& done)
     return options;
 }
 
-// ---- interruption, progress ------------------------------------------------------------------------------------------------
+// ---- interruption, progress
+// ------------------------------------------------------------------------------------------------
 
 volatile std::sig_atomic_t interrupted = 0;
 
 void on_signal(int signal)
 {
     interrupted = 1;
-    std::signal(signal, SIG_DFL);   // a second one ends the program at once
+    std::signal(signal, SIG_DFL); // a second one ends the program at once
 }
 
-double seconds_since(Clock::time_point start) { return std::chrono::duration<double>(Clock::now() - start).count(); }
+double seconds_since(Clock::time_point start)
+{
+    return std::chrono::duration<double>(Clock::now() - start).count();
+}
 
 // One line that overwrites itself, on a terminal only.
-class Progress {
-public:
+class Progress
+{
+  public:
     explicit Progress(bool quiet) : shown_(!quiet && isatty(STDERR_FILENO) == 1) {}
     ~Progress() { clear(); }
     void show(double done, std::uint64_t samples, double error, double seconds)
@@ -223,16 +242,17 @@ public:
         drawn_ = false;
     }
 
-private:
+  private:
     bool shown_, drawn_ = false;
 };
 
-// ---- the job ---------------------------------------------------------------------------------------------------------------
+// ---- the job
+// ---------------------------------------------------------------------------------------------------------------
 
 struct Outcome {
     std::unique_ptr<Renderer> renderer;
     RenderState state;
-    double seconds = 0.0;           // of rendering, those before a resume included
+    double seconds = 0.0; // of rendering, those before a resume included
     double resumed_seconds = 0.0;
     std::uint64_t resumed_samples = 0;
     double error = std::numeric_limits<double>::quiet_NaN();
@@ -247,7 +267,8 @@ RenderSettings settings_of(const Options& options, const Scene& scene)
     settings.seed = options.seed;
     settings.aovs = options.aovs;
     settings.resolution = options.resolution.x > 0 ? options.resolution : scene.film.resolution;
-    settings.region = options.region.x >= 0 ? options.region : glm::ivec4(0, 0, settings.resolution.x, settings.resolution.y);
+    settings.region =
+        options.region.x >= 0 ? options.region : glm::ivec4(0, 0, settings.resolution.x, settings.resolution.y);
     const glm::ivec4 r = settings.region;
     if (r.x >= r.z || r.y >= r.w || r.z > settings.resolution.x || r.w > settings.resolution.y)
         throw UsageError("--region: found %d,%d,%d,%d, expected X0 < X1 <= %d and Y0 < Y1 <= %d", r.x, r.y, r.z, r.w,
@@ -255,9 +276,10 @@ RenderSettings settings_of(const Options& options, const Scene& scene)
     return settings;
 }
 
-// Blocks are as long as the number of samples allows, at least 16 of them. Where only the time is known, the first sample
-// tells how many fit; where only the error is known, 16 samples a block.
-void choose_blocks(Outcome& outcome, const Options& options, const Scene& scene, const RayScene& rays, RenderSettings settings)
+// Blocks are as long as the number of samples allows, at least 16 of them. Where only the time is known, the first
+// sample tells how many fit; where only the error is known, 16 samples a block.
+void choose_blocks(Outcome& outcome, const Options& options, const Scene& scene, const RayScene& rays,
+                   RenderSettings settings)
 {
     std::uint64_t planned = options.samples;
     if (options.time_s > 0.0) {
@@ -277,7 +299,8 @@ void choose_blocks(Outcome& outcome, const Options& options, const Scene& scene,
         for (PixelSums& sums : outcome.state.pixels) sums.finish_block();
 }
 
-void render(Outcome& outcome, const Options& options, const Scene& scene, const RayScene& rays, const std::string& checkpoint_path)
+void render(Outcome& outcome, const Options& options, const Scene& scene, const RayScene& rays,
+            const std::string& checkpoint_path)
 {
     RenderSettings settings = settings_of(options, scene);
     const std::string owner = checkpoint_owner(scene, settings);
@@ -300,7 +323,8 @@ void render(Outcome& outcome, const Options& options, const Scene& scene, const 
     const double time_limit = options.time_s > 0.0 ? options.time_s : forever;
     const bool keeps_checkpoints = options.checkpoint_s > 0.0;
     const auto save = [&] {
-        write_checkpoint(checkpoint_path, owner, {renderer.settings().block_length, outcome.resumed_seconds + seconds_since(start), state});
+        write_checkpoint(checkpoint_path, owner,
+                         {renderer.settings().block_length, outcome.resumed_seconds + seconds_since(start), state});
     };
     Progress progress(options.quiet);
     std::uint64_t blocks_judged = 0;
@@ -308,26 +332,41 @@ void render(Outcome& outcome, const Options& options, const Scene& scene, const 
     outcome.error = renderer.error(state);
     for (;;) {
         const double seconds = seconds_since(start);
-        if (state.samples >= limit) { outcome.stopped_by = "samples"; break; }
-        if (interrupted) { outcome.stopped_by = "signal"; break; }
-        if (seconds >= time_limit && state.samples > 0) { outcome.stopped_by = "time"; break; }
+        if (state.samples >= limit) {
+            outcome.stopped_by = "samples";
+            break;
+        }
+        if (interrupted) {
+            outcome.stopped_by = "signal";
+            break;
+        }
+        if (seconds >= time_limit && state.samples > 0) {
+            outcome.stopped_by = "time";
+            break;
+        }
         const std::uint64_t blocks = state.samples / renderer.settings().block_length;
         if (blocks != blocks_judged) {
             blocks_judged = blocks;
             outcome.error = renderer.error(state);
             // Four blocks at least: the mean over all pixels is steady then, although each pixel's own spread is not.
-            if (options.target_error > 0.0 && blocks >= 4 && outcome.error <= options.target_error) { outcome.stopped_by = "error"; break; }
+            if (options.target_error > 0.0 && blocks >= 4 && outcome.error <= options.target_error) {
+                outcome.stopped_by = "error";
+                break;
+            }
         }
         double done = double(state.samples) / double(limit);
         if (time_limit < forever) done = std::max(done, seconds / time_limit);
-        if (options.target_error > 0.0 && std::isfinite(outcome.error)) done = std::max(done, options.target_error / outcome.error);
+        if (options.target_error > 0.0 && std::isfinite(outcome.error))
+            done = std::max(done, options.target_error / outcome.error);
         progress.show(done, state.samples, outcome.error, seconds);
 
         // As many samples as take one pass, no further than the next block where an error is waited for.
         double room = per_sample > 0.0 ? std::min(pass_seconds, time_limit - seconds) / per_sample : 1.0;
         if (options.target_error > 0.0)
-            room = std::min(room, double(renderer.settings().block_length - state.samples % renderer.settings().block_length));
-        const std::uint64_t count = std::clamp<std::uint64_t>(std::uint64_t(std::max(room, 1.0)), 1, limit - state.samples);
+            room = std::min(
+                room, double(renderer.settings().block_length - state.samples % renderer.settings().block_length));
+        const std::uint64_t count =
+            std::clamp<std::uint64_t>(std::uint64_t(std::max(room, 1.0)), 1, limit - state.samples);
         const auto pass_start = Clock::now();
         renderer.add_samples(state, std::uint32_t(count));
         per_sample = seconds_since(pass_start) / double(count);
@@ -354,13 +393,17 @@ nlohmann::json skipped_json(const Scene& scene, const RayScene& rays, const Outc
         {"bounces", outcome.renderer->settings().integrator == Integrator::direct},
     };
     nlohmann::json aovs = nlohmann::json::array();
-    for (const auto& [name, bit] : {std::pair("normal", aov_normal), {"depth", aov_depth}, {"uv", aov_uv}, {"albedo", aov_albedo}})
+    for (const auto& [name, bit] :
+         {std::pair("normal", aov_normal), {"depth", aov_depth}, {"uv", aov_uv}, {"albedo", aov_albedo}})
         if (!(outcome.renderer->settings().aovs & bit)) aovs.push_back(name);
     skipped["aovs"] = aovs;
     return skipped;
 }
 
-std::string number_text(double value) { return format_text("%.9g", value); }
+std::string number_text(double value)
+{
+    return format_text("%.9g", value);
+}
 
 int run(int argc, char** argv)
 {
@@ -373,9 +416,10 @@ int run(int argc, char** argv)
 
     Scene scene;
     arena.execute([&] { scene = load_scene(options.scene, options.overrides); });
-    settings_of(options, scene);   // a wrong --region is told before the tree is built
+    settings_of(options, scene); // a wrong --region is told before the tree is built
     if (!options.quiet)
-        for (const std::string& warning : scene.warnings) std::fprintf(stderr, "%s: warning: %s\n", program, warning.c_str());
+        for (const std::string& warning : scene.warnings)
+            std::fprintf(stderr, "%s: warning: %s\n", program, warning.c_str());
 
     const auto build_start = Clock::now();
     const RayScene rays(scene);
@@ -403,17 +447,23 @@ int run(int argc, char** argv)
     const std::uint64_t pixels = state.pixels.size();
     if (state.bad_samples > 0 && !options.quiet)
         std::fprintf(stderr, "%s: warning: %llu of %llu samples were not finite or negative and count as 0\n", program,
-                     static_cast<unsigned long long>(state.bad_samples), static_cast<unsigned long long>(state.samples * pixels));
+                     static_cast<unsigned long long>(state.bad_samples),
+                     static_cast<unsigned long long>(state.samples * pixels));
     const double own_seconds = outcome.seconds - outcome.resumed_seconds;
     const double rate = double((state.samples - outcome.resumed_samples) * pixels) / std::max(own_seconds, 1e-9);
     if (options.json) {
-        struct rusage usage {};
+        struct rusage usage {
+        };
         getrusage(RUSAGE_SELF, &usage);
         nlohmann::json json{
             {"scene", options.scene},
             {"scene_hash", scene.hash},
             {"output", options.outputs},
-            {"seconds", {{"load", scene.seconds_load}, {"bake", scene.seconds_bake}, {"build", build_seconds}, {"render", outcome.seconds}}},
+            {"seconds",
+             {{"load", scene.seconds_load},
+              {"bake", scene.seconds_bake},
+              {"build", build_seconds},
+              {"render", outcome.seconds}}},
             {"resolution", {settings.resolution.x, settings.resolution.y}},
             {"region", {settings.region.x, settings.region.y, settings.region.z, settings.region.w}},
             {"integrator", metadata["selvedge:integrator"]},
@@ -436,8 +486,8 @@ int run(int argc, char** argv)
         };
         std::printf("%s\n", json.dump(-1, ' ', false, nlohmann::json::error_handler_t::replace).c_str());
     } else if (!options.quiet) {
-        std::printf("%s: %d x %d, %llu spp in %.2f s, %.3g samples/s", options.outputs.front().c_str(), result.width, result.height,
-                    static_cast<unsigned long long>(state.samples), outcome.seconds, rate);
+        std::printf("%s: %d x %d, %llu spp in %.2f s, %.3g samples/s", options.outputs.front().c_str(), result.width,
+                    result.height, static_cast<unsigned long long>(state.samples), outcome.seconds, rate);
         if (std::isfinite(outcome.error)) std::printf(", estimated relMSE %.3g", outcome.error);
         std::printf("\n");
     }

@@ -16,28 +16,37 @@
 #include "reference/environment.hpp"
 #include "reference/mesh.hpp"
 
-namespace selvedge {
+namespace selvedge
+{
 
-namespace {
+namespace
+{
 
 namespace f32 = cloth::f32;
 using Clock = std::chrono::steady_clock;
 
-constexpr double far_limit = 1e7;          // positions [m]
-constexpr double bright_limit = 1e12;      // radiance, irradiance, intensity
+constexpr double far_limit = 1e7;     // positions [m]
+constexpr double bright_limit = 1e12; // radiance, irradiance, intensity
 constexpr int resolution_limit = 16384;
 constexpr double radians_per_degree = std::numbers::pi / 180.0;
 
-double seconds_since(Clock::time_point start) { return std::chrono::duration<double>(Clock::now() - start).count(); }
+double seconds_since(Clock::time_point start)
+{
+    return std::chrono::duration<double>(Clock::now() - start).count();
+}
 
-double luminance(glm::vec3 colour) { return 0.2126 * double(colour.x) + 0.7152 * double(colour.y) + 0.0722 * double(colour.z); }
+double luminance(glm::vec3 colour)
+{
+    return 0.2126 * double(colour.x) + 0.7152 * double(colour.y) + 0.0722 * double(colour.z);
+}
 
-// ---- overrides ---------------------------------------------------------------------------------------------------------
+// ---- overrides
+// ---------------------------------------------------------------------------------------------------------
 
 // -D settings sorted by the file that they change.
 struct SortedOverrides {
     Overrides scene;
-    std::map<std::size_t, Overrides> fabric_of;   // object index -> overrides of its fabric file
+    std::map<std::size_t, Overrides> fabric_of; // object index -> overrides of its fabric file
 };
 
 // "objects.3.fabric.warp.width=1" -> (3, "warp.width=1"); false for anything else.
@@ -65,7 +74,8 @@ SortedOverrides sort_overrides(const JsonValue& root, const Overrides& overrides
         const nlohmann::json& entry = scene["objects"][object];
         return entry.contains("fabric") ? &entry["fabric"] : nullptr;
     };
-    const std::size_t objects = root.raw().is_object() && root.raw().contains("objects") ? root.raw()["objects"].size() : 0;
+    const std::size_t objects =
+        root.raw().is_object() && root.raw().contains("objects") ? root.raw()["objects"].size() : 0;
     SortedOverrides sorted;
     const auto place = [&](std::size_t object, const std::string& rest) {
         const nlohmann::json* fabric = fabric_at(object);
@@ -91,7 +101,8 @@ SortedOverrides sort_overrides(const JsonValue& root, const Overrides& overrides
     return sorted;
 }
 
-// ---- lights ------------------------------------------------------------------------------------------------------------
+// ---- lights
+// ------------------------------------------------------------------------------------------------------------
 
 f32::ClothLight blank_light(int kind)
 {
@@ -129,13 +140,15 @@ f32::ClothLight read_environment(const JsonValue& value, Scene& scene)
     if (scene.environment.size.x > 0) value.fail("found a second environment, expected at most one");
     f32::ClothLight light = blank_light(f32::cloth_light_environment);
     light.radiance = value.has("scale") ? value["scale"].number_or_vector3(0.0, bright_limit) : glm::vec3(1.0f);
-    light.shape.x = float(value.number("rotation", 0.0, -36000.0, 36000.0) * radians_per_degree);
-    light.shape.y = value.boolean("visible", true) ? 0.0f : 1.0f;   // cloth_background: above 0 hides it
+    // cloth_environment turns from -z toward +x, which is clockwise about +y; objects turn the other way.
+    light.shape.x = -float(value.number("rotation", 0.0, -36000.0, 36000.0) * radians_per_degree);
+    light.shape.y = value.boolean("visible", true) ? 0.0f : 1.0f; // cloth_background: above 0 hides it
     if (value.has("image")) {
         if (value.has("colour")) value["colour"].fail("found both \"image\" and \"colour\", expected one of them");
         scene.environment = load_environment(value["image"].file(), scene.warnings);
     } else {
-        const glm::vec3 colour = value.has("colour") ? value["colour"].number_or_vector3(0.0, bright_limit) : glm::vec3(1.0f);
+        const glm::vec3 colour =
+            value.has("colour") ? value["colour"].number_or_vector3(0.0, bright_limit) : glm::vec3(1.0f);
         scene.environment = constant_environment(colour);
     }
     return light;
@@ -143,8 +156,7 @@ f32::ClothLight read_environment(const JsonValue& value, Scene& scene)
 
 f32::ClothLight read_light(const JsonValue& value, Scene& scene)
 {
-    const std::string type =
-        value["type"].choice({"environment", "directional", "point", "spot", "area", "flash"});
+    const std::string type = value["type"].choice({"environment", "directional", "point", "spot", "area", "flash"});
     if (type == "environment") return read_environment(value, scene);
     if (type == "directional") {
         value.expect_object({"type", "direction", "irradiance", "angular_diameter"});
@@ -169,7 +181,8 @@ f32::ClothLight read_light(const JsonValue& value, Scene& scene)
         light.radiance = value["intensity"].number_or_vector3(0.0, bright_limit);
         const double cone = value.number("cone", 30.0, 0.01, 180.0);
         const double penumbra = value.number("penumbra", 0.1 * cone, 0.0, cone);
-        light.shape = {float(std::cos(cone * radians_per_degree)), float(std::cos((cone - penumbra) * radians_per_degree))};
+        light.shape = {float(std::cos(cone * radians_per_degree)),
+                       float(std::cos((cone - penumbra) * radians_per_degree))};
         return light;
     }
     if (type == "area") {
@@ -193,7 +206,8 @@ f32::ClothLight read_light(const JsonValue& value, Scene& scene)
 }
 
 // Irradiance that a light may bring to the middle of the scene, without regard to what is in its way.
-double expected_irradiance(const f32::ClothLight& light, const Environment& environment, glm::dvec3 centre, double radius)
+double expected_irradiance(const f32::ClothLight& light, const Environment& environment, glm::dvec3 centre,
+                           double radius)
 {
     const double l = luminance(light.radiance);
     if (light.kind == f32::cloth_light_environment) return std::numbers::pi * mean_luminance(environment) * l;
@@ -205,15 +219,17 @@ double expected_irradiance(const f32::ClothLight& light, const Environment& envi
     return l / distance2;
 }
 
-// Lights are chosen in proportion to what they may bring to the middle of the cloth, a quarter of the choices evenly, so
-// that a light that is near some far corner is not starved.
+// Lights are chosen in proportion to what they may bring to the middle of the cloth, a quarter of the choices evenly,
+// so that a light that is near some far corner is not starved.
 void choose_probabilities(Scene& scene)
 {
     glm::dvec3 low(std::numeric_limits<double>::max()), high(-std::numeric_limits<double>::max());
-    const bool cloth = std::any_of(scene.objects.begin(), scene.objects.end(), [](const SceneObject& o) { return o.fabric >= 0; });
+    const bool cloth =
+        std::any_of(scene.objects.begin(), scene.objects.end(), [](const SceneObject& o) { return o.fabric >= 0; });
     for (const SceneObject& object : scene.objects)
         if (object.fabric >= 0 || !cloth)
-            for (const glm::vec3& p : object.mesh.positions) low = glm::min(low, glm::dvec3(p)), high = glm::max(high, glm::dvec3(p));
+            for (const glm::vec3& p : object.mesh.positions)
+                low = glm::min(low, glm::dvec3(p)), high = glm::max(high, glm::dvec3(p));
     if (scene.objects.empty()) low = high = glm::dvec3(0.0);
     const glm::dvec3 centre = 0.5 * (low + high);
     const double radius = 0.5 * glm::length(high - low);
@@ -244,7 +260,8 @@ void read_lights(const JsonValue& value, Scene& scene)
     }
 }
 
-// ---- camera, film, objects -------------------------------------------------------------------------------------------------
+// ---- camera, film, objects
+// -------------------------------------------------------------------------------------------------
 
 CameraSpec read_camera(const JsonValue& value)
 {
@@ -268,11 +285,14 @@ FilmSpec read_film(const JsonValue& value)
     FilmSpec film;
     if (value.has("resolution")) {
         const JsonValue list = value["resolution"];
-        if (!list.is_array() || list.raw().size() != 2) list.fail("found something else, expected [width, height] in pixels");
-        film.resolution = {list[std::size_t(0)].integer(1, resolution_limit), list[std::size_t(1)].integer(1, resolution_limit)};
+        if (!list.is_array() || list.raw().size() != 2)
+            list.fail("found something else, expected [width, height] in pixels");
+        film.resolution = {list[std::size_t(0)].integer(1, resolution_limit),
+                           list[std::size_t(1)].integer(1, resolution_limit)};
     }
     if (value.has("filter"))
-        film.filter = value["filter"].choice({"box", "tent"}) == "tent" ? f32::cloth_filter_tent : f32::cloth_filter_box;
+        film.filter =
+            value["filter"].choice({"box", "tent"}) == "tent" ? f32::cloth_filter_tent : f32::cloth_filter_box;
     film.exposure = float(value.number("exposure", 0.0, -40.0, 40.0));
     return film;
 }
@@ -280,9 +300,11 @@ FilmSpec read_film(const JsonValue& value)
 glm::dmat4 read_transform(const JsonValue& value)
 {
     const glm::dvec3 translate = value.vector3("translate", glm::vec3(0.0f), -far_limit, far_limit);
-    const glm::dvec3 rotate = glm::dvec3(value.vector3("rotate", glm::vec3(0.0f), -36000.0, 36000.0)) * radians_per_degree;
+    const glm::dvec3 rotate =
+        glm::dvec3(value.vector3("rotate", glm::vec3(0.0f), -36000.0, 36000.0)) * radians_per_degree;
     const glm::dvec3 scale = value.has("scale") ? value["scale"].number_or_vector3(-1e6, 1e6) : glm::vec3(1.0f);
-    if (std::abs(scale.x * scale.y * scale.z) < 1e-30) value["scale"].fail("found a scale of 0, expected other numbers");
+    if (std::abs(scale.x * scale.y * scale.z) < 1e-30)
+        value["scale"].fail("found a scale of 0, expected other numbers");
     glm::dmat4 m = glm::translate(glm::dmat4(1.0), translate);
     m = glm::rotate(m, rotate.z, glm::dvec3(0.0, 0.0, 1.0));
     m = glm::rotate(m, rotate.y, glm::dvec3(0.0, 1.0, 0.0));
@@ -291,8 +313,9 @@ glm::dmat4 read_transform(const JsonValue& value)
 }
 
 // Fabrics that several objects share are baked once.
-class FabricShelf {
-public:
+class FabricShelf
+{
+  public:
     FabricShelf(Scene& scene, const BakeOptions& options) : scene_(scene), options_(options) {}
 
     int take(const JsonValue& value, const Overrides& overrides)
@@ -305,14 +328,15 @@ public:
         const auto start = Clock::now();
         Fabric fabric = value.is_text() ? load_fabric(value.file(), overrides) : parse_fabric(value);
         scene_.fabrics.push_back(bake_fabric(fabric, options_));
-        for (const std::string& warning : scene_.fabrics.back().warnings) scene_.warnings.push_back(fabric.name + ": " + warning);
+        for (const std::string& warning : scene_.fabrics.back().warnings)
+            scene_.warnings.push_back(fabric.name + ": " + warning);
         scene_.fabric_paths.emplace_back(value.is_text() ? value.file() : std::string());
         scene_.fabric_sources.push_back(std::move(fabric));
         scene_.seconds_bake += seconds_since(start);
         return place->second;
     }
 
-private:
+  private:
     Scene& scene_;
     const BakeOptions& options_;
     std::map<std::string, int> index_;
@@ -322,7 +346,8 @@ SceneObject read_object(const JsonValue& value, const Overrides& fabric_override
 {
     value.expect_object({"mesh", "shape", "translate", "rotate", "scale", "fabric", "matte", "uv_scale"});
     if (value.has("mesh") == value.has("shape")) value.fail("expected either \"mesh\" or \"shape\"");
-    if (value.has("fabric") && value.has("matte")) value.fail("found both \"fabric\" and \"matte\", expected one of them");
+    if (value.has("fabric") && value.has("matte"))
+        value.fail("found both \"fabric\" and \"matte\", expected one of them");
 
     SceneObject object;
     const std::string shape =
@@ -343,15 +368,18 @@ SceneObject read_object(const JsonValue& value, const Overrides& fabric_override
     const int divisions = object.fabric >= 0 ? 32 : 1;
     const SourceMesh source = shape.empty() ? load_mesh(value["mesh"].file(), object.fabric >= 0, scene.warnings)
                                             : make_shape(shape, divisions, scene.warnings);
-    object.mesh = place_mesh(source, to_world, tiles_per_uv, shape.empty() ? value["mesh"].file() : object.name, scene.warnings);
+    object.mesh =
+        place_mesh(source, to_world, tiles_per_uv, shape.empty() ? value["mesh"].file() : object.name, scene.warnings);
     return object;
 }
 
-// ---- hash ---------------------------------------------------------------------------------------------------------------
+// ---- hash
+// ---------------------------------------------------------------------------------------------------------------
 
 // 64 bits over words: not for secrets, but any changed bit changes it.
-class Hasher {
-public:
+class Hasher
+{
+  public:
     template <class T> void add(const std::vector<T>& values)
     {
         add_word(values.size());
@@ -373,7 +401,7 @@ public:
     }
     std::string text() const { return format_text("%016llx", static_cast<unsigned long long>(hash_)); }
 
-private:
+  private:
     void add_bytes(const void* data, std::size_t size)
     {
         const char* at = static_cast<const char*>(data);
@@ -407,9 +435,11 @@ std::string hash_of(const Scene& scene)
     }
     for (const PackedFabric& fabric : scene.fabrics) {
         hasher.add(fabric.size.x), hasher.add(fabric.size.y), hasher.add(fabric.tile_m);
-        for (const PackedSide& side : fabric.side) hasher.add(side.texels), hasher.add(side.horizons), hasher.add(side.slope_mips);
+        for (const PackedSide& side : fabric.side)
+            hasher.add(side.texels), hasher.add(side.horizons), hasher.add(side.slope_mips);
         for (const f32::ClothYarn& yarn : fabric.yarns) {
-            hasher.add(yarn.albedo_r), hasher.add(yarn.albedo_t), hasher.add(yarn.diffuse_r), hasher.add(yarn.diffuse_t);
+            hasher.add(yarn.albedo_r), hasher.add(yarn.albedo_t), hasher.add(yarn.diffuse_r),
+                hasher.add(yarn.diffuse_t);
             hasher.add(yarn.alpha_r), hasher.add(yarn.alpha_t), hasher.add(yarn.thickness), hasher.add(yarn.twist);
             hasher.add(yarn.diffuse_mix);
         }
@@ -438,7 +468,8 @@ Scene load_scene(const std::filesystem::path& path, const Overrides& overrides)
         const std::vector<JsonValue> entries = list.elements();
         for (std::size_t k = 0; k < entries.size(); ++k) {
             const auto found = sorted.fabric_of.find(k);
-            scene.objects.push_back(read_object(entries[k], found == sorted.fabric_of.end() ? Overrides() : found->second, shelf, scene));
+            scene.objects.push_back(
+                read_object(entries[k], found == sorted.fabric_of.end() ? Overrides() : found->second, shelf, scene));
         }
     }
     if (root.has("lights")) read_lights(root["lights"], scene);
@@ -457,7 +488,8 @@ f32::ClothCamera make_camera(const CameraSpec& camera, glm::ivec2 resolution)
     const glm::dvec3 up = glm::cross(right, forward);
     const double half = std::tan(0.5 * double(camera.fov_degrees) * radians_per_degree);
     const double aspect = double(resolution.x) / double(resolution.y);
-    return {camera.position, glm::vec3(forward), glm::vec3(right * (half * aspect)), glm::vec3(up * half), glm::vec2(resolution)};
+    return {camera.position, glm::vec3(forward), glm::vec3(right * (half * aspect)), glm::vec3(up * half),
+            glm::vec2(resolution)};
 }
 
 f32::ClothMaps maps_of(const PackedFabric& fabric)
@@ -496,8 +528,15 @@ f32::ClothTriangle triangle_of(const SceneObject& object, std::size_t triangle)
     const Mesh& mesh = object.mesh;
     const glm::uvec3 i = mesh.triangles[triangle];
     const glm::vec2* tiles = mesh.corner_tiles.data() + 3 * triangle;
-    return {mesh.positions[i.x], mesh.positions[i.y], mesh.positions[i.z], mesh.normals[i.x], mesh.normals[i.y],
-            mesh.normals[i.z],   tiles[0],            tiles[1],            tiles[2]};
+    return {mesh.positions[i.x],
+            mesh.positions[i.y],
+            mesh.positions[i.z],
+            mesh.normals[i.x],
+            mesh.normals[i.y],
+            mesh.normals[i.z],
+            tiles[0],
+            tiles[1],
+            tiles[2]};
 }
 
 bool lets_rays_through(const Scene& scene, const SceneObject& object)
@@ -505,7 +544,8 @@ bool lets_rays_through(const Scene& scene, const SceneObject& object)
     if (object.fabric < 0) return false;
     const PackedFabric& fabric = scene.fabrics[std::size_t(object.fabric)];
     const f32::ClothSettings& settings = scene.model.settings;
-    return fabric.has_gaps || (settings.unscattered && settings.bsdf == f32::cloth_bsdf_meso && fabric.lets_light_between_fibres);
+    return fabric.has_gaps ||
+           (settings.unscattered && settings.bsdf == f32::cloth_bsdf_meso && fabric.lets_light_between_fibres);
 }
 
 } // namespace selvedge

@@ -1,20 +1,21 @@
 // A scene in memory: camera, film, lights, environment, objects in world space, baked fabrics. Both renderers read it;
 // neither changes it. The loader (scene.cpp) is the only code that reads scene files.
 #pragma once
-#include <filesystem>
-#include <string>
-#include <utility>
-#include <vector>
-#include <glm/glm.hpp>
 #include "bake/bake.hpp"
 #include "bake/pack.hpp"
 #include "glsl/cloth_bsdf.hpp"
 #include "reference/model.hpp"
+#include <filesystem>
+#include <glm/glm.hpp>
+#include <string>
+#include <utility>
+#include <vector>
 
-namespace selvedge {
+namespace selvedge
+{
 
-// Triangles in world space [m]. Per-corner UV is in tiles of the object's fabric, less `tile_base` of its triangle, so that
-// float keeps its digits at any number of repeats (math.md 10, hazard 16). Matte objects have UV 0.
+// Triangles in world space [m]. Per-corner UV is in tiles of the object's fabric, less `tile_base` of its triangle, so
+// that float keeps its digits at any number of repeats (math.md 10, hazard 16). Matte objects have UV 0.
 struct Mesh {
     std::vector<glm::vec3> positions;    // per vertex
     std::vector<glm::vec3> normals;      // per vertex, unit
@@ -24,42 +25,42 @@ struct Mesh {
 };
 
 struct SceneObject {
-    std::string name;                    // "objects.3 (drape)"; for messages and lists
+    std::string name; // "objects.3 (drape)"; for messages and lists
     Mesh mesh;
-    int fabric = -1;                     // index into Scene::fabrics; -1: matte
-    glm::vec3 albedo{0.18f};             // matte only
+    int fabric = -1;         // index into Scene::fabrics; -1: matte
+    glm::vec3 albedo{0.18f}; // matte only
 };
 
 struct Environment {
-    glm::ivec2 size{0, 0};               // 0: the scene has none
-    std::vector<glm::vec4> texels;       // rgb radiance, w density over UV (mean 1), as cloth_fetch_environment wants them
-    std::vector<glm::uvec2> alias;       // alias table over the texels
+    glm::ivec2 size{0, 0};         // 0: the scene has none
+    std::vector<glm::vec4> texels; // rgb radiance, w density over UV (mean 1), as cloth_fetch_environment wants them
+    std::vector<glm::uvec2> alias; // alias table over the texels
 };
 
 // What the camera was made from; the window's orbit edits this and calls make_camera.
 struct CameraSpec {
     glm::vec3 position{0.0f, 1.0f, 3.0f}, target{0.0f}, up{0.0f, 1.0f, 0.0f};
-    float fov_degrees = 35.0f;           // vertical
+    float fov_degrees = 35.0f; // vertical
 };
 
 struct FilmSpec {
     glm::ivec2 resolution{512, 512};
     int filter = cloth::f32::cloth_filter_box;
-    float exposure = 0.0f;               // stops, display only
+    float exposure = 0.0f; // stops, display only
 };
 
 struct Scene {
     CameraSpec camera;
     FilmSpec film;
-    std::vector<cloth::f32::ClothLight> lights;   // the environment, where there is one, is light 0; pmf adds up to 1
+    std::vector<cloth::f32::ClothLight> lights; // the environment, where there is one, is light 0; pmf adds up to 1
     Environment environment;
     std::vector<SceneObject> objects;
     std::vector<PackedFabric> fabrics;
-    std::vector<Fabric> fabric_sources;           // what each was baked from: for live edits (shade_yarns, bake_fabric)
-    std::vector<std::filesystem::path> fabric_paths;   // empty for a fabric written inside the scene
-    int black_lights = 0;                         // lights of the file that shine nothing: not in `lights`
+    std::vector<Fabric> fabric_sources; // what each was baked from: for live edits (shade_yarns, bake_fabric)
+    std::vector<std::filesystem::path> fabric_paths; // empty for a fabric written inside the scene
+    int black_lights = 0;                            // lights of the file that shine nothing: not in `lights`
     ModelSpec model = model_preset("ours");
-    std::string hash;                             // 16 hex digits, of everything that decides a pixel but for `settings`
+    std::string hash; // 16 hex digits, of everything that decides a pixel but for `settings`
     std::vector<std::string> warnings;
     double seconds_load = 0.0, seconds_bake = 0.0;
 };
@@ -79,4 +80,4 @@ cloth::f32::ClothTriangle triangle_of(const SceneObject& object, std::size_t tri
 // Whether a ray may pass through the object: through gaps, or between the fibres of its yarns where the model has that.
 bool lets_rays_through(const Scene& scene, const SceneObject& object);
 
-}   // namespace selvedge
+} // namespace selvedge

@@ -116,7 +116,7 @@ void ShaderProgram::build()
         for (const std::string& file : text.files) read.push_back(folder / file);
     // Remembered before compiling: a broken file is complained about once, not at every look.
     files = read;
-    newest = {};
+    newest = fs::file_time_type::min(); // its zero lies in the year 2174
     std::error_code ignored;
     for (const fs::path& file : files) newest = std::max(newest, fs::last_write_time(file, ignored));
 

@@ -50,7 +50,7 @@ private:
     std::vector<std::string> defines;
     GlName program;
     std::vector<std::filesystem::path> files;
-    std::filesystem::file_time_type newest{};
+    std::filesystem::file_time_type newest = std::filesystem::file_time_type::min();
 };
 
 // Texture units and uniform blocks by name; a name that a program lacks is nothing.

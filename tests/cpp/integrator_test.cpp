@@ -1,5 +1,5 @@
-// The reference integrators against closed forms, against themselves under other thread counts and steps, and their error
-// estimate against the truth. Catch2.
+// The reference integrators against closed forms, against themselves under other thread counts and steps, and their
+// error estimate against the truth. Catch2.
 #include <catch2/catch.hpp>
 
 #include <cmath>
@@ -9,23 +9,27 @@
 #include <numbers>
 #include <unistd.h>
 
+#include <tbb/global_control.h>
 #include <tbb/task_arena.h>
 
 #include "bake/error.hpp"
+#include "bake/image.hpp"
 #include "reference/checkpoint.hpp"
 #include "reference/integrator.hpp"
 
 using namespace selvedge;
 namespace f32 = cloth::f32;
 
-namespace {
+namespace
+{
 
 constexpr double pi = std::numbers::pi;
 
 Scene scene_from(const std::string& text)
 {
     const std::string path =
-        (std::filesystem::temp_directory_path() / ("selvedge-integrator-" + std::to_string(getpid()) + ".json")).string();
+        (std::filesystem::temp_directory_path() / ("selvedge-integrator-" + std::to_string(getpid()) + ".json"))
+            .string();
     std::ofstream(path) << text;
     Scene scene = load_scene(path);
     std::filesystem::remove(path);
@@ -43,7 +47,7 @@ RenderSettings settings_for(const Scene& scene, Integrator integrator, std::uint
 }
 
 struct Mean {
-    glm::dvec3 value{0.0}, sigma{0.0};   // of the mean over all pixels
+    glm::dvec3 value{0.0}, sigma{0.0}; // of the mean over all pixels
     double alpha = 0.0;
     RenderState state;
 };
@@ -71,14 +75,16 @@ Scene floor_under(const std::string& lights)
 {
     return scene_from(R"({ "camera": {"position": [0, 5, 0], "target": [0, 0, 0], "up": [0, 0, -1], "fov": 0.02},
         "film": {"resolution": [4, 4]}, "objects": [ {"shape": "plane", "scale": 40, "matte": {"albedo": [0.5, 0.25, 1]}} ],
-        "lights": [)" + lights + "] }");
+        "lights": [)" +
+                      lights + "] }");
 }
 
 void check_irradiance(const std::string& lights, double irradiance, double tolerance = 1e-4, std::uint32_t samples = 64)
 {
     const Scene scene = floor_under(lights);
     const Mean mean = mean_of(scene, settings_for(scene, Integrator::direct), samples);
-    INFO(lights << ": found " << mean.value.x * pi / 0.5 << ", expected " << irradiance << ", sigma " << mean.sigma.x * pi / 0.5);
+    INFO(lights << ": found " << mean.value.x * pi / 0.5 << ", expected " << irradiance << ", sigma "
+                << mean.sigma.x * pi / 0.5);
     const double slack = tolerance * irradiance + 4.0 * mean.sigma.x * pi / 0.5;
     CHECK(std::abs(mean.value.x * pi / 0.5 - irradiance) <= slack);
     CHECK(std::abs(mean.value.y * pi / 0.25 - irradiance) <= slack);
@@ -89,7 +95,9 @@ void check_irradiance(const std::string& lights, double irradiance, double toler
 // Cloth over a floor under a sky and a sun: all that is random happens in it.
 std::string cloth_scene(const char* resolution)
 {
-    return std::string(R"({ "camera": {"position": [0, 0.6, 0.8], "target": [0, 0.1, 0], "fov": 40}, "film": {"resolution": )") + resolution + R"(},
+    return std::string(
+               R"({ "camera": {"position": [0, 0.6, 0.8], "target": [0, 0.1, 0], "fov": 40}, "film": {"resolution": )") +
+           resolution + R"(},
         "lights": [ {"type": "environment", "colour": [0.4, 0.5, 0.7]},
                     {"type": "directional", "direction": [0.3, -1, -0.2], "irradiance": 3, "angular_diameter": 0.5} ],
         "objects": [ {"shape": "plane", "scale": 4, "matte": {"albedo": 0.5}},
@@ -108,22 +116,80 @@ bool same_bits(const RenderState& a, const RenderState& b)
 TEST_CASE("a matte floor has the irradiance of each kind of light in closed form", "[integrator][lights]")
 {
     check_irradiance(R"({"type": "point", "position": [1, 2, -1], "intensity": 3})", 3.0 * 2.0 / std::pow(6.0, 1.5));
-    check_irradiance(R"({"type": "directional", "direction": [1, -2, 0], "irradiance": 4, "angular_diameter": 0})", 4.0 * 2.0 / std::sqrt(5.0));
+    check_irradiance(R"({"type": "directional", "direction": [1, -2, 0], "irradiance": 4, "angular_diameter": 0})",
+                     4.0 * 2.0 / std::sqrt(5.0));
     // The sun's disc: irradiance at normal incidence times the cosine of its centre, exactly.
-    check_irradiance(R"({"type": "directional", "direction": [1, -2, 0], "irradiance": 4, "angular_diameter": 10})", 4.0 * 2.0 / std::sqrt(5.0));
+    check_irradiance(R"({"type": "directional", "direction": [1, -2, 0], "irradiance": 4, "angular_diameter": 10})",
+                     4.0 * 2.0 / std::sqrt(5.0));
     check_irradiance(R"({"type": "environment", "colour": 0.7})", 0.7 * pi, 1e-3, 256);
-    check_irradiance(R"({"type": "spot", "position": [0, 2, 0], "target": [0, 0, 0], "intensity": 3, "cone": 20, "penumbra": 5})", 3.0 / 4.0);
+    check_irradiance(
+        R"({"type": "spot", "position": [0, 2, 0], "target": [0, 0, 0], "intensity": 3, "cone": 20, "penumbra": 5})",
+        3.0 / 4.0);
     // Half way through the penumbra, in cosines, the smoothstep is a half.
     const double middle = std::acos(0.5 * (std::cos(20.0 * pi / 180.0) + std::cos(30.0 * pi / 180.0)));
-    check_irradiance(format_text(R"({"type": "spot", "position": [0, 2, 0], "target": [%.9g, 0, 0], "intensity": 3, "cone": 30, "penumbra": 10})",
-                                 2.0 * std::tan(middle)), 0.5 * 3.0 / 4.0, 2e-3);
-    check_irradiance(R"({"type": "flash", "position": [0, 2, 2], "target": [0, 0, 2], "intensity": 8})", 8.0 / 8.0 * std::sqrt(0.5) * std::sqrt(0.5));
+    check_irradiance(
+        format_text(
+            R"({"type": "spot", "position": [0, 2, 0], "target": [%.9g, 0, 0], "intensity": 3, "cone": 30, "penumbra": 10})",
+            2.0 * std::tan(middle)),
+        0.5 * 3.0 / 4.0, 2e-3);
+    check_irradiance(R"({"type": "flash", "position": [0, 2, 2], "target": [0, 0, 2], "intensity": 8})",
+                     8.0 / 8.0 * std::sqrt(0.5) * std::sqrt(0.5));
     // Rectangle parallel to the floor: four corners' form factors (Howell's catalogue, B-4).
     const double x = 0.5 / 2.0, y = 1.0 / 2.0, rx = std::sqrt(1.0 + x * x), ry = std::sqrt(1.0 + y * y);
     const double corner = (x / rx * std::atan(y / rx) + y / ry * std::atan(x / ry)) / (2.0 * pi);
-    check_irradiance(R"({"type": "area", "position": [0, 2, 0], "target": [0, 0, 0], "size": [1, 2], "radiance": 6})", 6.0 * pi * 4.0 * corner, 1e-4, 1024);
+    check_irradiance(R"({"type": "area", "position": [0, 2, 0], "target": [0, 0, 0], "size": [1, 2], "radiance": 6})",
+                     6.0 * pi * 4.0 * corner, 1e-4, 1024);
     // Two at once add up, whatever the choice of lights costs in noise.
-    check_irradiance(R"({"type": "environment", "colour": 0.7}, {"type": "point", "position": [0, 1, 0], "intensity": 1})", 0.7 * pi + 1.0, 1e-3, 4096);
+    check_irradiance(
+        R"({"type": "environment", "colour": 0.7}, {"type": "point", "position": [0, 1, 0], "intensity": 1})",
+        0.7 * pi + 1.0, 1e-3, 4096);
+}
+
+TEST_CASE("an environment picture lights a floor as its integral says, with hot texels and with rotation",
+          "[integrator][lights]")
+{
+    const std::string path =
+        (std::filesystem::temp_directory_path() / ("selvedge-sky-" + std::to_string(getpid()) + ".exr")).string();
+    Image sky(16, 8, {"R", "G", "B"});
+    for (int y = 0; y < 8; ++y)
+        for (int x = 0; x < 16; ++x)
+            for (int c = 0; c < 3; ++c) sky.at(x, y)[c] = (x * 7 + y * 3 + c) % 5 == 0 ? 0.3f : 0.0f;
+    sky.at(8, 2)[0] = sky.at(8, 2)[1] = sky.at(8, 2)[2] = 60000.0f; // toward -z, 34 degrees up
+    sky.at(3, 3)[1] = 500.0f;
+    write_exr(path, sky);
+    const auto light = [&](int rotation) {
+        return format_text(R"({"type": "environment", "image": "%s", "rotation": %d})", path.c_str(), rotation);
+    };
+    const Scene scene = floor_under(light(0)), turned = floor_under(light(90));
+    std::filesystem::remove(path);
+
+    // Quadrature over direction of the picture as it is looked up.
+    const f32::ClothLights lights = lights_of(scene);
+    glm::dvec3 irradiance(0.0);
+    constexpr int rows = 1200, columns = 2400;
+    for (int j = 0; j < rows; ++j)
+        for (int i = 0; i < columns; ++i) {
+            const double theta = 0.5 * pi * (j + 0.5) / rows, phi = 2.0 * pi * (i + 0.5) / columns;
+            const glm::vec3 d(
+                glm::dvec3(std::sin(theta) * std::sin(phi), std::cos(theta), -std::sin(theta) * std::cos(phi)));
+            const glm::vec4 seen = f32::cloth_environment(lights, scene.lights[0], d);
+            irradiance +=
+                glm::dvec3(seen) * std::cos(theta) * std::sin(theta) * (0.5 * pi / rows) * (2.0 * pi / columns);
+        }
+    for (const Scene* sky_scene : {&scene, &turned}) {
+        const Mean mean = mean_of(*sky_scene, settings_for(*sky_scene, Integrator::direct, 64), 16384);
+        for (int c = 0; c < 3; ++c) {
+            const double albedo = c == 0 ? 0.5 : c == 1 ? 0.25 : 1.0, expected = irradiance[c] * albedo / pi;
+            INFO("channel " << c << ": found " << mean.value[c] << ", expected " << expected << ", sigma "
+                            << mean.sigma[c]);
+            CHECK(std::abs(mean.value[c] - expected) < 4.0 * mean.sigma[c] + 1e-4 * expected);
+            CHECK(mean.sigma[c] < 0.01 * expected);
+        }
+    }
+    // Counter-clockwise about +y, as objects turn: what stood toward -z stands toward -x.
+    const glm::vec3 toward_z(0.162f, 0.556f, -0.815f), toward_x(-0.815f, 0.556f, -0.162f);
+    CHECK(f32::cloth_background(lights_of(scene), toward_z).x > 1000.0f);
+    CHECK(f32::cloth_background(lights_of(turned), toward_x).x > 1000.0f);
 }
 
 TEST_CASE("an occluder shades the floor and a light behind it adds nothing", "[integrator][lights]")
@@ -131,8 +197,10 @@ TEST_CASE("an occluder shades the floor and a light behind it adds nothing", "[i
     const std::string light = R"({"type": "point", "position": [0, 4, 0], "intensity": 3})";
     Scene open = floor_under(light);
     CHECK(mean_of(open, settings_for(open, Integrator::direct), 16).value.x > 0.0);
-    Scene shut = scene_from(R"({ "camera": {"position": [1, 1, 1], "target": [0, 0, 0], "fov": 0.02}, "film": {"resolution": [2, 2]},
-        "objects": [ {"shape": "plane", "scale": 40}, {"shape": "plane", "translate": [0, 2, 0]} ], "lights": [)" + light + "] }");
+    Scene shut = scene_from(
+        R"({ "camera": {"position": [1, 1, 1], "target": [0, 0, 0], "fov": 0.02}, "film": {"resolution": [2, 2]},
+        "objects": [ {"shape": "plane", "scale": 40}, {"shape": "plane", "translate": [0, 2, 0]} ], "lights": [)" +
+        light + "] }");
     CHECK(mean_of(shut, settings_for(shut, Integrator::direct), 16).value.x == 0.0);
     Scene below = floor_under(R"({"type": "point", "position": [0, -4, 0], "intensity": 3})");
     const Mean dark = mean_of(below, settings_for(below, Integrator::direct), 16);
@@ -142,22 +210,26 @@ TEST_CASE("an occluder shades the floor and a light behind it adds nothing", "[i
 
 TEST_CASE("inside a closed sphere paths add up to the integrating sphere's radiance", "[integrator][path]")
 {
-    const Scene scene = scene_from(R"({ "camera": {"position": [0.3, 0.2, 0.1], "target": [1, 0, 0], "fov": 60}, "film": {"resolution": [16, 16]},
+    const Scene scene = scene_from(
+        R"({ "camera": {"position": [0.3, 0.2, 0.1], "target": [1, 0, 0], "fov": 60}, "film": {"resolution": [16, 16]},
         "objects": [ {"shape": "sphere", "scale": 2, "matte": {"albedo": [0.8, 0.5, 0.2]}} ],
         "lights": [ {"type": "point", "position": [0, 0, 0], "intensity": 3} ] })");
     const Mean mean = mean_of(scene, settings_for(scene, Integrator::path), 1024);
     for (int c = 0; c < 3; ++c) {
         const double albedo = c == 0 ? 0.8 : c == 1 ? 0.5 : 0.2;
         const double expected = albedo / pi * (3.0 / 4.0) / (1.0 - albedo);
-        INFO("channel " << c << ": found " << mean.value[c] << ", expected " << expected << ", sigma " << mean.sigma[c]);
-        // Facets of the sphere are up to 3e-4 nearer to the light than the sphere; depth 32 leaves out .8^32 = 8e-4 of the first.
+        INFO("channel " << c << ": found " << mean.value[c] << ", expected " << expected << ", sigma "
+                        << mean.sigma[c]);
+        // Facets of the sphere are up to 3e-4 nearer to the light than the sphere; depth 32 leaves out .8^32 = 8e-4 of
+        // the first.
         CHECK(std::abs(mean.value[c] - expected) < 1.5e-3 * expected + 4.0 * mean.sigma[c]);
     }
 }
 
 TEST_CASE("in a white furnace everything white is as bright as the sky", "[integrator][path]")
 {
-    const Scene scene = scene_from(R"({ "camera": {"position": [0, 2, 6], "target": [0, 0.5, 0], "fov": 30}, "film": {"resolution": [16, 16]},
+    const Scene scene = scene_from(
+        R"({ "camera": {"position": [0, 2, 6], "target": [0, 0.5, 0], "fov": 30}, "film": {"resolution": [16, 16]},
         "objects": [ {"shape": "plane", "scale": 10, "matte": {"albedo": 1}}, {"shape": "sphere", "translate": [0, 1, 0], "matte": {"albedo": 1}} ],
         "lights": [ {"type": "environment", "colour": 1} ] })");
     RenderSettings settings = settings_for(scene, Integrator::path);
@@ -189,7 +261,8 @@ TEST_CASE("a sheet lets through light and view as its gaps say", "[integrator][g
     view.settings.visibility = f32::cloth_visibility_none;
     // Points are drawn by visible area, which at normal incidence is even over the sheet.
     const Mean seen = mean_of(view, settings_for(view, Integrator::direct), 1024);
-    CHECK(seen.alpha == Approx(1.0 - gaps).margin(4.0 * std::sqrt(gaps / (1024.0 * 256.0)) + 0.011));   // [6.4.2]: bias 1.1 % at most
+    CHECK(seen.alpha ==
+          Approx(1.0 - gaps).margin(4.0 * std::sqrt(gaps / (1024.0 * 256.0)) + 0.011)); // [6.4.2]: bias 1.1 % at most
 
     // The floor below, lit straight through the gaps.
     Scene lit = sheet(R"({"position": [0, 0.5, 0], "target": [0, 0, 0], "up": [0, 0, -1], "fov": 20})",
@@ -208,6 +281,7 @@ TEST_CASE("thread count and steps leave every bit as it is", "[integrator][deter
         settings.aovs = aov_normal | aov_depth | aov_uv | aov_albedo;
         std::vector<RenderState> states;
         for (const int threads : {1, 2, 5}) {
+            const tbb::global_control limit(tbb::global_control::max_allowed_parallelism, std::size_t(threads));
             tbb::task_arena arena(threads);
             arena.execute([&] {
                 const RayScene rays(scene);
@@ -215,7 +289,8 @@ TEST_CASE("thread count and steps leave every bit as it is", "[integrator][deter
                 states.push_back(renderer.start());
                 // 1, 2, 5: in one step, in two, in five
                 for (int step = 0; step < threads; ++step)
-                    renderer.add_samples(states.back(), step + 1 < threads ? 3u : 20u - 3u * std::uint32_t(threads - 1));
+                    renderer.add_samples(states.back(),
+                                         step + 1 < threads ? 3u : 20u - 3u * std::uint32_t(threads - 1));
             });
         }
         CHECK(states[0].samples == 20);
@@ -230,14 +305,16 @@ TEST_CASE("thread count and steps leave every bit as it is", "[integrator][deter
         const RenderState part = mean_of(scene, settings, 20).state;
         for (int y = 5; y < 20; ++y)
             for (int x = 10; x < 30; ++x)
-                REQUIRE(part.pixels[std::size_t((y - 5) * 20 + x - 10)].total == states[0].pixels[std::size_t(y * 40 + x)].total);
+                REQUIRE(part.pixels[std::size_t((y - 5) * 20 + x - 10)].total ==
+                        states[0].pixels[std::size_t(y * 40 + x)].total);
     }
 }
 
 TEST_CASE("a checkpoint brings back every bit and refuses other work and damage", "[integrator][checkpoint]")
 {
     const Scene scene = scene_from(cloth_scene("[24, 16]"));
-    const std::string path = (std::filesystem::temp_directory_path() / ("selvedge-" + std::to_string(getpid()) + ".checkpoint")).string();
+    const std::string path =
+        (std::filesystem::temp_directory_path() / ("selvedge-" + std::to_string(getpid()) + ".checkpoint")).string();
     RenderSettings settings = settings_for(scene, Integrator::path);
     settings.aovs = aov_normal;
     const RayScene rays(scene);
@@ -300,7 +377,8 @@ TEST_CASE("the variance layer tells the spread of the picture over seeds", "[int
         }
         for (int c = 0; c < 3; ++c) {
             INFO("spread over seeds " << spread[c] << ", variance layer " << claim[c]);
-            CHECK(spread[c] / claim[c] == Approx(1.0).margin(0.04));   // 576 pixels, 63 degrees of freedom each: sigma below 0.01
+            CHECK(spread[c] / claim[c] ==
+                  Approx(1.0).margin(0.04)); // 576 pixels, 63 degrees of freedom each: sigma below 0.01
         }
     }
 }

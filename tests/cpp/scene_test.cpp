@@ -17,12 +17,16 @@
 using namespace selvedge;
 namespace f32 = cloth::f32;
 
-namespace {
+namespace
+{
 
 // A folder that goes away with the test.
-class Folder {
-public:
-    Folder() : path_(std::filesystem::temp_directory_path() / ("selvedge-test-" + std::to_string(getpid()) + "-" + std::to_string(count_++)))
+class Folder
+{
+  public:
+    Folder()
+        : path_(std::filesystem::temp_directory_path() /
+                ("selvedge-test-" + std::to_string(getpid()) + "-" + std::to_string(count_++)))
     {
         std::filesystem::create_directories(path_);
     }
@@ -33,7 +37,7 @@ public:
         return (path_ / name).string();
     }
 
-private:
+  private:
     static inline int count_ = 0;
     std::filesystem::path path_;
 };
@@ -56,7 +60,8 @@ double total_area(const Mesh& mesh)
 {
     double area = 0.0;
     for (const glm::uvec3 i : mesh.triangles)
-        area += 0.5 * glm::length(glm::cross(glm::dvec3(mesh.positions[i.y] - mesh.positions[i.x]), glm::dvec3(mesh.positions[i.z] - mesh.positions[i.x])));
+        area += 0.5 * glm::length(glm::cross(glm::dvec3(mesh.positions[i.y] - mesh.positions[i.x]),
+                                             glm::dvec3(mesh.positions[i.z] - mesh.positions[i.x])));
     return area;
 }
 
@@ -75,8 +80,8 @@ TEST_CASE("a constant environment is sampled uniformly in solid angle", "[scene]
     glm::dvec3 irradiance(0.0);
     const std::uint32_t count = 1u << 16;
     for (std::uint32_t k = 0; k < count; ++k) {
-        const f32::ClothLightSample s = f32::cloth_light_sample(lights, light, glm::vec3(0.0f), f32::cloth_random(1u, k, 0u),
-                                                                f32::cloth_random_bits(1u, k, 1u));
+        const f32::ClothLightSample s = f32::cloth_light_sample(
+            lights, light, glm::vec3(0.0f), f32::cloth_random(1u, k, 0u), f32::cloth_random_bits(1u, k, 1u));
         REQUIRE(s.pdf > 0.0f);
         // The density is constant in a row of 64 and the sine is not, which shows near the poles.
         if (std::abs(s.wi.y) < 0.97f) CHECK(std::abs(double(s.pdf) * 4.0 * std::numbers::pi - 1.0) < 0.12);
@@ -92,12 +97,14 @@ TEST_CASE("plane, sphere and cylinder have their area, face outward and carry th
     const double expected[] = {1.0, 4.0 * std::numbers::pi, 4.0 * std::numbers::pi};
     const char* names[] = {"plane", "sphere", "cylinder"};
     for (int k = 0; k < 3; ++k) {
-        const Mesh mesh = place_mesh(make_shape(names[k], 8, warnings), glm::dmat4(1.0), {1.0, 1.0}, names[k], warnings);
+        const Mesh mesh =
+            place_mesh(make_shape(names[k], 8, warnings), glm::dmat4(1.0), {1.0, 1.0}, names[k], warnings);
         INFO(names[k]);
         CHECK(total_area(mesh) == Approx(expected[k]).epsilon(2e-3));
         for (std::size_t t = 0; t < mesh.triangles.size(); ++t) {
             const glm::uvec3 i = mesh.triangles[t];
-            const glm::vec3 n = glm::cross(mesh.positions[i.y] - mesh.positions[i.x], mesh.positions[i.z] - mesh.positions[i.x]);
+            const glm::vec3 n =
+                glm::cross(mesh.positions[i.y] - mesh.positions[i.x], mesh.positions[i.z] - mesh.positions[i.x]);
             REQUIRE(glm::dot(n, mesh.normals[i.x] + mesh.normals[i.y] + mesh.normals[i.z]) > 0.0f);
             const glm::vec3 middle = (mesh.positions[i.x] + mesh.positions[i.y] + mesh.positions[i.z]) / 3.0f;
             REQUIRE(glm::dot(n, k == 0 ? glm::vec3(0.0f, 1.0f, 0.0f) : middle) > 0.0f);
@@ -116,7 +123,8 @@ TEST_CASE("a mirroring transform keeps the front in front", "[scene][mesh]")
     mirror[0][0] = -2.0;
     const Mesh mesh = place_mesh(make_shape("plane", 4, warnings), mirror, {1.0, 1.0}, "plane", warnings);
     for (const glm::uvec3 i : mesh.triangles)
-        REQUIRE(glm::cross(mesh.positions[i.y] - mesh.positions[i.x], mesh.positions[i.z] - mesh.positions[i.x]).y > 0.0f);
+        REQUIRE(glm::cross(mesh.positions[i.y] - mesh.positions[i.x], mesh.positions[i.z] - mesh.positions[i.x]).y >
+                0.0f);
     for (const glm::vec3& n : mesh.normals) REQUIRE(n.y == 1.0f);
 }
 
@@ -135,13 +143,19 @@ TEST_CASE("tiles far from zero keep their digits", "[scene][mesh]")
 
 TEST_CASE("scene files are refused by file, line and key", "[scene]")
 {
-    CHECK(message_of("{\n \"objects\": [\n  {\"shape\": \"cube\"}\n ]\n}").find("scene.json:3: objects.0.shape: found \"cube\"") == 0);
-    CHECK(message_of("{\n\"lights\": [ {\"type\": \"point\"} ] }").find("scene.json:2: lights.0: \"position\" is missing") == 0);
-    CHECK(message_of("{\n\"camera\": {\"position\": [0,0,0], \"target\": [0,0,0]} }").find("scene.json:2: camera: found a camera that stands") == 0);
-    CHECK(message_of("{\n\"light\": [] }").find("scene.json:2: light: unknown key \"light\", expected \"lights\"") == 0);
-    CHECK(message_of("{ \"objects\": [{\"mesh\": \"no.obj\"}] }").find("no.obj: found no such file") != std::string::npos);
+    CHECK(message_of("{\n \"objects\": [\n  {\"shape\": \"cube\"}\n ]\n}")
+              .find("scene.json:3: objects.0.shape: found \"cube\"") == 0);
+    CHECK(message_of("{\n\"lights\": [ {\"type\": \"point\"} ] }")
+              .find("scene.json:2: lights.0: \"position\" is missing") == 0);
+    CHECK(message_of("{\n\"camera\": {\"position\": [0,0,0], \"target\": [0,0,0]} }")
+              .find("scene.json:2: camera: found a camera that stands") == 0);
+    CHECK(message_of("{\n\"light\": [] }").find("scene.json:2: light: unknown key \"light\", expected \"lights\"") ==
+          0);
+    CHECK(message_of("{ \"objects\": [{\"mesh\": \"no.obj\"}] }").find("no.obj: found no such file") !=
+          std::string::npos);
     CHECK(message_of("{}", {"fabric.warp.roughness=1"}).find("the scene has no fabric") != std::string::npos);
-    CHECK(message_of("{}", {"film.resolution=[0,1]"}).find("-D film.resolution.0: found 0, expected a whole number from 1") != std::string::npos);
+    CHECK(message_of("{}", {"film.resolution=[0,1]"})
+              .find("-D film.resolution.0: found 0, expected a whole number from 1") != std::string::npos);
 }
 
 TEST_CASE("light probabilities add up to one and the environment comes first", "[scene][lights]")
@@ -215,13 +229,15 @@ TEST_CASE("the BVH for the preview finds what Embree finds", "[scene][rays]")
     };
     int differ = 0, hits = 0;
     for (std::uint32_t k = 0; k < 20000; ++k) {
-        const glm::vec2 a = f32::cloth_random(3u, k, 0u), b = f32::cloth_random(3u, k, 1u), c = f32::cloth_random(3u, k, 2u);
-        const glm::vec3 origin = glm::vec3(a.x, a.y, b.x) * 6.0f - 3.0f, direction = glm::normalize(glm::vec3(b.y, c.x, c.y) - 0.5f);
+        const glm::vec2 a = f32::cloth_random(3u, k, 0u), b = f32::cloth_random(3u, k, 1u),
+                        c = f32::cloth_random(3u, k, 2u);
+        const glm::vec3 origin = glm::vec3(a.x, a.y, b.x) * 6.0f - 3.0f,
+                        direction = glm::normalize(glm::vec3(b.y, c.x, c.y) - 0.5f);
         const bool embree = rays.occluded(origin, direction, 1e30f, scene.settings, {});
         hits += embree ? 1 : 0;
         differ += embree != occluded(origin, direction) ? 1 : 0;
     }
     CHECK(hits > 5000);
     CHECK(hits < 15000);
-    CHECK(differ <= 2);   // rays through an edge
+    CHECK(differ <= 2); // rays through an edge
 }
