@@ -182,7 +182,7 @@ CLOTH_FN ClothSelection cloth_select(ClothMaps maps, int side, ClothFootprint fo
     if (meso && settings.weight == cloth_weight_tile) result.weight = area / o.z;
 
     // A point that turns out to face away (filtered slopes under the march, or nothing visible found) is seen as a flat one.
-    if ((relief || (resample && total <= real(0))) && dot(result.texel.point.normal_f, o) <= real(1e-3) * o.z) {
+    if ((relief && dot(result.texel.point.normal_f, o) <= real(1e-3) * o.z) || (resample && total <= real(0))) {
         result.texel.point.normal_f = real3(real(0), real(0), real(1));
         result.texel.point.length_f = real(1);
     }

@@ -137,7 +137,7 @@ def test_sample_weights_give_the_integral_of_the_value(point, yarn, build, evalu
     mean as it is and only spoils the spread."""
     point, yarn = POINTS[point], YARNS[yarn]
     i, pdf = sample_point(evaluator, build, point, yarn, VIEW, 14)
-    weight = evaluator.run(build, "point_value", point_rows(point, yarn, i, VIEW))[:, 0] / pdf
+    weight = evaluator.run(build, "point_value", np.c_[point_rows(point, yarn, i, VIEW), np.zeros(len(i))])[:, 0] / pdf
     cells = QUADRATURE
     integral = evaluator.run(build, "point_value", point_rows(point, yarn, cells, VIEW))[:, 0].mean() * 4 * np.pi
     deviation = weight.std() / np.sqrt(len(weight))
