@@ -178,6 +178,7 @@ int run_headless(const LookdevOptions& options)
              {{"load", scene.seconds_load}, {"bake", scene.seconds_bake}, {"build", seconds_build}, {"render", seconds_render}}},
             {"resolution", {result.width, result.height}},
             {"integrator", "direct"},
+            {"model", model_json(scene.model)},
             {"samples", pixels * preview.frames()},
             {"spp_mean", preview.frames()},
             {"block_length", preview.block_length()},

@@ -215,8 +215,10 @@ VisibilityError measure_visibility(const PackedFabric& fabric, int directions, i
                 const float azimuth = static_cast<float>(std::fmod(2.399963229728653 * d, 6.283185307179586));
                 const float s = march_horizon(field, range_m, glm::vec2(x, y) + 0.5f, azimuth);
                 const float exact = z > s ? 1.0f : 0.0f;
-                const float got =
-                    cloth::f32::cloth_horizon_visibility(horizon, {r * std::cos(azimuth), r * std::sin(azimuth), z});
+                const glm::vec3 direction(r * std::cos(azimuth), r * std::sin(azimuth), z);
+                const std::size_t record = 2 * (static_cast<std::size_t>(y) * static_cast<std::size_t>(size.x) + static_cast<std::size_t>(x));
+                const float got = side.asg.empty() ? cloth::f32::cloth_horizon_visibility(horizon, direction)
+                                                   : cloth::f32::cloth_asg_visibility(side.asg[record], side.asg[record + 1], direction);
                 sum += static_cast<double>((got - exact) * (got - exact));
             }
             sums[static_cast<std::size_t>(t)] += sum;

@@ -116,13 +116,6 @@ nlohmann::json model_json(const ModelSpec& model)
             {"twist_noise", settings.twist_noise}};
 }
 
-void ModelOptions::add_to(CLI::App& app)
-{
-    app.add_option("--mode", mode, "ours, paper: all ingredients of the model; single ones by -D model.KEY=value");
-    app.add_option("--bsdf", bsdf, "meso, micro (the ply-level baseline without shadowing and masking)");
-    app.add_option("--visibility", visibility, "horizon8, asg, asg-lsq, none");
-}
-
 void ModelOptions::prepend_to(Overrides& overrides) const
 {
     const auto refuse = [](const char* option) {

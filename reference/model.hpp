@@ -4,8 +4,6 @@
 
 #include <string>
 
-#include <CLI/CLI.hpp>
-
 #include "bake/json.hpp"
 #include "bake/pack.hpp"
 #include "glsl/cloth_bsdf.hpp"
@@ -33,7 +31,6 @@ nlohmann::json model_json(const ModelSpec& model);
 // The programs' options: --mode, --bsdf, --visibility. After parsing, `overrides` begins with what they say.
 struct ModelOptions {
     std::string mode, bsdf, visibility;   // empty: as the scene says
-    void add_to(CLI::App& app);
     void prepend_to(Overrides& overrides) const;   // throws UsageError for an unknown word
 };
 

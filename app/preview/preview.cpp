@@ -151,7 +151,14 @@ std::string Preview::reload_shaders()
     return complaint;
 }
 
-std::vector<std::string> Preview::features() const { return passes.features(); }
+std::vector<std::string> Preview::features() const
+{
+    // Names alone; definitions with a value are the model's, which reports itself.
+    std::vector<std::string> names;
+    for (const std::string& define : passes.features())
+        if (define.find(' ') == std::string::npos) names.push_back(define);
+    return names;
+}
 
 std::map<std::string, bool> Preview::skipped() const
 {
