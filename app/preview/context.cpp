@@ -114,8 +114,7 @@ class EglContext : public Context
     EGLSurface surface = EGL_NO_SURFACE;
 };
 
-// ---- OSMesa: loaded when asked for, so that a machine without it runs the rest and nobody waits for LLVM in vain
-// ---------
+// ---- OSMesa: loaded when asked for, so that a machine without it runs the rest and nobody waits for LLVM in vain ---
 
 // Values of GL/osmesa.h, which cannot be included beside GL/glcorearb.h.
 constexpr int osmesa_format = 0x22, osmesa_rgba = GL_RGBA, osmesa_depth_bits = 0x30, osmesa_profile = 0x33,

@@ -111,9 +111,9 @@ bool Passes::rebuild_if_changed(std::string& complaint)
     bool any = false;
     complaint.clear();
     for (ShaderProgram* program : {&opaque_visibility, &gauze_visibility, &shading, &merging, &presenting}) {
-        std::string its;
-        if (**program != 0) any |= program->rebuild_if_changed(its);
-        if (!its.empty()) complaint += (complaint.empty() ? "" : "\n") + its;
+        if (**program == 0) continue;
+        any |= program->rebuild_if_changed();
+        if (!program->complaint().empty()) complaint += (complaint.empty() ? "" : "\n") + program->complaint();
     }
     return any;
 }

@@ -233,8 +233,7 @@ std::size_t SceneBuffers::bytes() const
     return total;
 }
 
-// ---- the near plane
-// ---------------------------------------------------------------------------------------------------------
+// ---- the near plane ----------------------------------------------------------------------------------------------
 
 // Squared distance from p to a triangle (Ericson 2005, "Real-Time Collision Detection", 5.1.5).
 static double distance2_to_triangle(glm::dvec3 p, glm::dvec3 a, glm::dvec3 b, glm::dvec3 c)

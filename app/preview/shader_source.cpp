@@ -32,18 +32,25 @@ fs::path glsl_folder()
     throw InputError("cloth.h", 0, "not found, expected in one of: %s (set SELVEDGE_GLSL)", looked.c_str());
 }
 
-// ---- includes
-// -----------------------------------------------------------------------------------------------------------
+// ---- includes ----------------------------------------------------------------------------------------------------
+
+FileStamp FileStamp::of(const fs::path& file)
+{
+    std::error_code no_file; // a file that is not there has a stamp, too
+    return {file, fs::last_write_time(file, no_file), fs::file_size(file, no_file)};
+}
 
 static void paste(const fs::path& folder, const std::string& name, const std::string& from, int from_line,
                   std::vector<std::string>& open, ShaderText& shader)
 {
     if (std::find(open.begin(), open.end(), name) != open.end())
         throw InputError(from, from_line, "%s includes itself", name.c_str());
+    const FileStamp stamp = FileStamp::of(folder / name);
     std::ifstream file(folder / name);
     if (!file) throw InputError(from, from_line, "shader %s not found in %s", name.c_str(), folder.c_str());
     const std::size_t index = shader.files.size();
     shader.files.push_back(name);
+    shader.stamps.push_back(stamp);
     open.push_back(name);
     shader.text += format_text("#line 1 %zu\n", index);
     static const std::regex include("\\s*#include \"([^\"]+)\".*");
@@ -86,8 +93,7 @@ std::string readable_log(const std::string& log, const std::vector<std::string>&
     return text;
 }
 
-// ---- programs
-// -----------------------------------------------------------------------------------------------------------
+// ---- programs ----------------------------------------------------------------------------------------------------
 
 static GlName compile(GLenum stage, const std::string& header, const ShaderText& shader)
 {
@@ -114,14 +120,9 @@ void ShaderProgram::build()
 {
     const fs::path folder = glsl_folder();
     const ShaderText texts[] = {load_shader(folder, vertex), load_shader(folder, fragment)};
-    std::vector<fs::path> read;
-    for (const ShaderText& text : texts)
-        for (const std::string& file : text.files) read.push_back(folder / file);
-    // Remembered before compiling: a broken file is complained about once, not at every look.
-    files = read;
-    newest = fs::file_time_type::min(); // its zero lies in the year 2174
-    std::error_code ignored;
-    for (const fs::path& file : files) newest = std::max(newest, fs::last_write_time(file, ignored));
+    // Remembered before compiling: a broken file is compiled once, not at every look.
+    stamps.clear();
+    for (const ShaderText& text : texts) stamps.insert(stamps.end(), text.stamps.begin(), text.stamps.end());
 
     std::string header = "#version 410 core\n";
     for (const std::string& define : defines) header += "#define " + define + " 1\n";
@@ -147,19 +148,17 @@ void ShaderProgram::build()
     program = std::move(made);
 }
 
-bool ShaderProgram::rebuild_if_changed(std::string& complaint)
+bool ShaderProgram::rebuild_if_changed()
 {
-    std::error_code ignored;
-    const bool changed = std::any_of(files.begin(), files.end(), [&](const fs::path& file) {
-        return fs::last_write_time(file, ignored) > newest && !ignored;
-    });
+    const bool changed = std::any_of(stamps.begin(), stamps.end(),
+                                     [](const FileStamp& stamp) { return !(FileStamp::of(stamp.file) == stamp); });
     if (!changed) return false;
     try {
         build();
-        complaint.clear();
+        error_text.clear();
         return true;
     } catch (const std::exception& error) {
-        complaint = error.what();
+        error_text = error.what();
         return false;
     }
 }

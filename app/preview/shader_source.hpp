@@ -16,9 +16,21 @@ namespace selvedge
 //   throws  InputError that names the folders
 std::filesystem::path glsl_folder();
 
+// How a file looked just before it was read. The size tells a file that was caught half written from the whole one,
+// whose time of change may be the same.
+struct FileStamp {
+    std::filesystem::path file;
+    std::filesystem::file_time_type changed{};
+    std::uintmax_t size = 0;
+
+    static FileStamp of(const std::filesystem::path& file);
+    bool operator==(const FileStamp&) const = default;
+};
+
 struct ShaderText {
     std::string text;
     std::vector<std::string> files; // "#line N i" in the text means files[i]; relative to the folder
+    std::vector<FileStamp> stamps;  // of each
 };
 
 // folder/name with every `#include "file"` pasted, `#line` kept true. The twin of tests/shader_source.py.
@@ -41,9 +53,11 @@ class ShaderProgram
     GLuint operator*() const { return *program; }
     GLint location(const char* uniform) const { return gl.GetUniformLocation(*program, uniform); }
 
-    // Compiles anew if a file has changed on disk. Where that fails, the last good program stays.
-    //   return  true: the program is another one now. `complaint` gets the error, or nothing
-    bool rebuild_if_changed(std::string& complaint);
+    // Compiles anew if a file has changed on disk. Where that fails, the last good program stays, and complaint() says
+    // why until it succeeds.
+    //   return  true: the program is another one now
+    bool rebuild_if_changed();
+    const std::string& complaint() const { return error_text; }
 
   private:
     void build();
@@ -51,8 +65,8 @@ class ShaderProgram
     std::string vertex, fragment;
     std::vector<std::string> defines;
     GlName program;
-    std::vector<std::filesystem::path> files;
-    std::filesystem::file_time_type newest = std::filesystem::file_time_type::min();
+    std::vector<FileStamp> stamps; // of all files that the last attempt has read
+    std::string error_text;
 };
 
 // Texture units and uniform blocks by name; a name that a program lacks is nothing.
