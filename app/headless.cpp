@@ -132,7 +132,6 @@ int run_headless(const LookdevOptions& options)
 {
     Scene scene = load_scene(options.scene, options.overrides);
     if (options.resolution) scene.film.resolution = *options.resolution;
-    scene.settings = {options.bsdf, options.mode, options.visibility};
     if (!options.quiet)
         for (const std::string& warning : scene.warnings)
             std::fprintf(stderr, "%s: warning: %s\n", program, warning.c_str());
@@ -140,7 +139,6 @@ int run_headless(const LookdevOptions& options)
     const Clock::time_point build_start = Clock::now();
     const auto context = Context::create(options.backend);
     PreviewOptions preview_options;
-    preview_options.settings = scene.settings;
     preview_options.seed = options.seed;
     preview_options.footprint_samples = options.footprint_samples;
     // Blocks are as long as the number of frames allows, at least 16 of them; where only the error is known, 16 frames
@@ -191,6 +189,7 @@ int run_headless(const LookdevOptions& options)
               {"render", seconds_render}}},
             {"resolution", {result.width, result.height}},
             {"integrator", "direct"},
+            {"model", model_json(scene.model)},
             {"samples", pixels * preview.frames()},
             {"spp_mean", preview.frames()},
             {"block_length", preview.block_length()},

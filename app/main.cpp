@@ -12,6 +12,7 @@
 #include "bake/image.hpp"
 #include "bake/program.hpp"
 #include "reference/film.hpp"
+#include "reference/model.hpp"
 #include "reference/rays.hpp"
 
 namespace
@@ -75,8 +76,8 @@ LookdevOptions parse_options(int argc, char** argv, bool& done)
 {
     using namespace cloth::f32;
     LookdevOptions options;
-    std::string resolution, backend = "auto", integrator = "direct", bsdf = "meso", mode = "ours",
-                            visibility = "horizon8";
+    std::string resolution, backend = "auto", integrator = "direct";
+    ModelOptions model;
     bool version = false;
     CLI::App app("Shows a scene of cloth in a window that converges to the reference; --headless writes the picture.",
                  program);
@@ -93,9 +94,11 @@ LookdevOptions parse_options(int argc, char** argv, bool& done)
     app.add_option("--resolution", resolution, "WIDTH,HEIGHT instead of the scene's");
     app.add_option("--backend", backend, "headless: auto (EGL, then OSMesa), egl, osmesa");
     app.add_option("--integrator", integrator, "direct (path: selvedge-render)");
-    app.add_option("--bsdf", bsdf, "meso, micro (the ply-level baseline without shadowing and masking)");
-    app.add_option("--mode", mode, "ours, paper (how footprint samples are weighted)");
-    app.add_option("--visibility", visibility, "horizon8, none");
+    app.add_option("--mode", model.mode,
+                   "ours (default), paper: all ingredients of the model; single ones by -D model.KEY=value");
+    app.add_option("--bsdf", model.bsdf,
+                   "meso (default), micro (the ply-level baseline without shadowing and masking)");
+    app.add_option("--visibility", model.visibility, "horizon8 (default), asg, asg-lsq, none");
     app.add_option("--footprint-samples", options.footprint_samples,
                    "shaded points of every pixel in a frame (default 1)")
         ->check(between(1, 64));
@@ -130,11 +133,7 @@ LookdevOptions parse_options(int argc, char** argv, bool& done)
     if (!resolution.empty()) options.resolution = parse_resolution(resolution);
     options.backend = parse_backend(backend);
     parse_word("--integrator", integrator, {{"direct", 0}}, {"path"});
-    options.bsdf = parse_word("--bsdf", bsdf, {{"meso", cloth_bsdf_meso}, {"micro", cloth_bsdf_micro}});
-    options.mode = parse_word("--mode", mode, {{"ours", cloth_mode_ours}, {"paper", cloth_mode_paper}});
-    options.visibility = parse_word("--visibility", visibility,
-                                    {{"horizon8", cloth_visibility_horizon8}, {"none", cloth_visibility_none}},
-                                    {"horizon16", "cap", "asg", "asg-lsq", "exact"});
+    model.prepend_to(options.overrides);
     const bool stops = options.frames > 0 || options.time_s > 0 || options.target_error > 0;
     if (options.headless) {
         if (options.outputs.empty()) throw UsageError("--headless without -o, expected OUT.exr or OUT.png");

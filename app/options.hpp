@@ -19,8 +19,7 @@ namespace selvedge
 struct LookdevOptions {
     std::string scene;
     Overrides overrides;
-    std::optional<glm::ivec2> resolution;   // absent: the scene's
-    int bsdf = 0, mode = 0, visibility = 0; // cloth_footprint.h
+    std::optional<glm::ivec2> resolution; // absent: the scene's
     int footprint_samples = 1;
     std::uint32_t seed = 0;
     bool json = false, quiet = false;

@@ -97,7 +97,7 @@ class Window
         ImGui::StyleColorsDark();
         ImGui_ImplGlfw_InitForOpenGL(handle, true);
         ImGui_ImplOpenGL3_Init("#version 410 core");
-        view.settings = scene.settings;
+        view.settings = scene.model.settings;
         view.footprint_samples = options.footprint_samples;
         status.renderer = info.renderer;
         preview = std::make_unique<Preview>(scene, info, picture_size(), preview_options());
@@ -178,7 +178,6 @@ class Window
     PreviewOptions preview_options() const
     {
         PreviewOptions wanted;
-        wanted.settings = view.settings;
         wanted.seed = options.seed;
         wanted.footprint_samples = view.footprint_samples;
         return wanted;
@@ -341,7 +340,11 @@ class Window
     void apply(const Edits& edits, float turned)
     {
         dirty |= edits.view;
-        if (edits.settings) preview->set_options(preview_options());
+        if (edits.settings) {
+            scene.model.settings = view.settings;
+            preview->model_changed();
+            preview->set_options(preview_options());
+        }
         if (edits.lights) {
             moved();
             turn_lights(scene, turned);
@@ -386,7 +389,6 @@ class Window
 int run_window(const LookdevOptions& options)
 {
     Scene scene = load_scene(options.scene, options.overrides);
-    scene.settings = {options.bsdf, options.mode, options.visibility};
     if (!options.quiet)
         for (const std::string& warning : scene.warnings)
             std::fprintf(stderr, "selvedge-lookdev: warning: %s\n", warning.c_str());

@@ -8,6 +8,7 @@
 #include <tbb/parallel_for.h>
 
 #include "cache.hpp"
+#include "energy.hpp"
 #include "error.hpp"
 #include "maps.hpp"
 #include "ply.hpp"
@@ -20,6 +21,8 @@ namespace
 {
 
 constexpr float pi = 3.14159265358979f;
+constexpr float unscattered_limit =
+    1e-3f; // a yarn that lets less than this through at normal incidence is taken for opaque
 
 class Stopwatch
 {
@@ -69,33 +72,28 @@ void count_cover(const FabricMaps& maps, const YarnTypes& types, PackedFabric& p
     packed.height_range_m = {*low, *high};
 }
 
-// Hemispherical mean of what passes a slab of optical thickness T unscattered: 2 E3(T).
-float unscattered_mean(float thickness)
+// What follows from cached words and from shading parameters, and costs little: heights as the shader wants them, the
+// twist noise, and the paper's visibility where it is asked for.
+void finish(const Fabric& fabric, VisibilityKind kind, PackedFabric& packed)
 {
-    constexpr int steps = 64;
-    float sum = 0;
-    for (int i = 0; i < steps; ++i) {
-        const float mu = (static_cast<float>(i) + 0.5f) / steps;
-        sum += 2 * mu * std::exp(-thickness / mu) / steps;
+    for (PackedSide& side : packed.side) {
+        const HeightField field{packed.size, packed.tile_m, &side.heights_m};
+        side.height_range_m = height_range(field);
+        const float low = side.height_range_m.x, range = std::max(side.height_range_m.y - low, 1e-9f);
+        side.height_range_m.y = low + range;
+        side.heights.resize(side.heights_m.size());
+        for (std::size_t i = 0; i < side.heights.size(); ++i)
+            side.heights[i] = static_cast<std::uint16_t>(
+                std::lround(std::clamp((side.heights_m[i] - low) / range, 0.0f, 1.0f) * 65535.0f));
+        if (kind == VisibilityKind::asg || kind == VisibilityKind::asg_lsq)
+            side.asg = fit_asg(field, kind == VisibilityKind::asg_lsq);
     }
-    return sum;
-}
-
-// Light that leaves the slab after two and more scatterings, per channel, split into reflected and transmitted:
-// math.md 9.2.
-struct Rescattered {
-    glm::vec3 reflected, transmitted;
-};
-Rescattered rescattered(glm::vec3 albedo_r, glm::vec3 albedo_t, float thickness)
-{
-    const float t = thickness;
-    const float once =
-        0.26f + 0.74f * std::exp(-1.23f * std::pow(t, 0.9f)); // of what scatters: leaves after one scattering
-    const float all = (1 - unscattered_mean(t)) * (1 - once);
-    const float again = 1 - 1 / (1 + 1.15f * t + 0.13f * t * t); // probability of one more scattering
-    const float share = std::min(0.49f + 0.048f * t, 0.95f);     // reflected; fitted for T <= 4
-    const auto kept = [&](glm::vec3 a) { return a * a * (1 - again) / (1.0f - a * again); };
-    return {all * share * kept(albedo_r), all * (1 - share) * kept(albedo_t)};
+    const glm::vec2 cells = packed.tile_m / fabric.irregularity_length_m;
+    packed.noise_cells = glm::max(glm::ivec2(glm::round(cells)), glm::ivec2(1));
+    packed.noise_amplitude = glm::radians(fabric.irregularity_deg);
+    for (const cloth::f32::ClothYarn& yarn : packed.yarns)
+        packed.lets_light_between_fibres =
+            packed.lets_light_between_fibres || std::exp(-yarn.thickness) > unscattered_limit;
 }
 
 } // namespace
@@ -103,6 +101,8 @@ Rescattered rescattered(glm::vec3 albedo_r, glm::vec3 albedo_t, float thickness)
 std::vector<cloth::f32::ClothYarn> shade_yarns(const Fabric& fabric)
 {
     std::vector<cloth::f32::ClothYarn> out;
+    const float warp_reflects = mean_slab_reflectance(fabric.warp.roughness, fabric.warp.thickness);
+    const float weft_reflects = mean_slab_reflectance(fabric.weft.roughness, fabric.weft.thickness);
     for (const YarnTypes::Type& type : yarn_types(fabric).types) {
         const YarnSpec& spec = type.warp ? fabric.warp : fabric.weft;
         cloth::f32::ClothYarn yarn{};
@@ -112,15 +112,18 @@ std::vector<cloth::f32::ClothYarn> shade_yarns(const Fabric& fabric)
             yarn.diffuse_r = spec.diffuse.value_or(glm::vec3(0)) * type.tint;
             yarn.diffuse_t = spec.diffuse_transmission.value_or(glm::vec3(0)) * type.tint;
         } else {
-            const Rescattered more = rescattered(yarn.albedo_r, yarn.albedo_t, spec.thickness);
-            yarn.diffuse_r = more.reflected;
-            yarn.diffuse_t = more.transmitted;
+            const glm::vec2 share = rescattered_share(spec.thickness);
+            const float again = rescattering_probability(spec.thickness);
+            const auto kept = [&](glm::vec3 a) { return a * a * (1 - again) / (1.0f - a * again); };
+            yarn.diffuse_r = share.x * kept(yarn.albedo_r);
+            yarn.diffuse_t = share.y * kept(yarn.albedo_t);
         }
         yarn.alpha_r = std::clamp(spec.roughness, 0.01f, 1.0f);
         yarn.alpha_t = std::clamp(spec.roughness_transmission.value_or(spec.roughness), 0.01f, 1.0f);
         yarn.thickness = spec.thickness;
         yarn.twist = spec.fibre_twist_deg * pi / 180;
         yarn.diffuse_mix = spec.diffuse_mix;
+        yarn.reflectance = yarn.diffuse_r + yarn.albedo_r * (type.warp ? warp_reflects : weft_reflects);
         out.push_back(yarn);
     }
     return out;
@@ -131,8 +134,8 @@ PackedFabric bake_fabric(const Fabric& fabric, const BakeOptions& options, BakeR
     Stopwatch total, stage;
     BakeReport spent;
     const VisibilityKind kind = options.visibility.value_or(fabric.visibility);
-    if (kind != VisibilityKind::horizon8 && kind != VisibilityKind::exact)
-        throw UsageError("visibility %s is not available in this version, expected horizon8 or exact",
+    if (kind == VisibilityKind::horizon16 || kind == VisibilityKind::cap)
+        throw UsageError("visibility %s is not available in this version, expected horizon8, asg, asg-lsq or exact",
                          visibility_name(kind));
 
     const WovenPlan plan = plan_woven(fabric, options.resolution > 0 ? options.resolution : fabric.resolution);
@@ -173,6 +176,8 @@ PackedFabric bake_fabric(const Fabric& fabric, const BakeOptions& options, BakeR
         }
         if (options.use_cache) spent.disk_bytes = write_cache(hash, packed);
     }
+    finish(fabric, kind, packed);
+    spent.visibility_seconds += stage.lap();
     spent.memory_bytes = packed.resident_bytes();
     spent.total_seconds = total.lap();
     if (report) *report = spent;
@@ -213,8 +218,12 @@ VisibilityError measure_visibility(const PackedFabric& fabric, int directions, i
                 const float azimuth = static_cast<float>(std::fmod(2.399963229728653 * d, 6.283185307179586));
                 const float s = march_horizon(field, range_m, glm::vec2(x, y) + 0.5f, azimuth);
                 const float exact = z > s ? 1.0f : 0.0f;
-                const float got =
-                    cloth::f32::cloth_horizon_visibility(horizon, {r * std::cos(azimuth), r * std::sin(azimuth), z});
+                const glm::vec3 direction(r * std::cos(azimuth), r * std::sin(azimuth), z);
+                const std::size_t record =
+                    2 * (static_cast<std::size_t>(y) * static_cast<std::size_t>(size.x) + static_cast<std::size_t>(x));
+                const float got = side.asg.empty() ? cloth::f32::cloth_horizon_visibility(horizon, direction)
+                                                   : cloth::f32::cloth_asg_visibility(side.asg[record],
+                                                                                      side.asg[record + 1], direction);
                 sum += static_cast<double>((got - exact) * (got - exact));
             }
             sums[static_cast<std::size_t>(t)] += sum;

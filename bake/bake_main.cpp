@@ -71,7 +71,8 @@ Options parse_options(int argc, char** argv, bool& done)
 nlohmann::json report_json(const PackedFabric& fabric, const BakeReport& report, const VisibilityError& error)
 {
     // horizons at half resolution: 8 bytes for 4 texels; the exact march reads float heights
-    const double bytes_per_texel = fabric.visibility == VisibilityKind::exact ? 4 : 2;
+    const bool asg = fabric.visibility == VisibilityKind::asg || fabric.visibility == VisibilityKind::asg_lsq;
+    const double bytes_per_texel = fabric.visibility == VisibilityKind::exact ? 4 : asg ? 32 : 2;
     return {{"fabric", fabric.name},
             {"texels", {fabric.size.x, fabric.size.y}},
             {"tile", {fabric.tile_m.x, fabric.tile_m.y}},

@@ -109,13 +109,20 @@ glm::ivec3 srgb8(glm::vec3 linear)
 
 Fabric parse_fabric(const JsonValue& value)
 {
-    value.expect_object(
-        {"$schema", "name", "pattern", "resolution", "use_draft_colours", "warp", "weft", "visibility", "comment"});
+    value.expect_object({"$schema", "name", "pattern", "resolution", "use_draft_colours", "warp", "weft", "visibility",
+                         "irregularity", "comment"});
     Fabric fabric;
     fabric.path = value.path();
     fabric.name = value.text("name", stem(value.path()));
     fabric.resolution = value.integer("resolution", fabric.resolution, 16, 2048);
     fabric.use_draft_colours = value.boolean("use_draft_colours", false);
+    if (value.has("irregularity")) {
+        const JsonValue irregularity = value["irregularity"];
+        irregularity.expect_object({"twist", "length"});
+        fabric.irregularity_deg = float(irregularity.number("twist", double(fabric.irregularity_deg), 0, 45));
+        fabric.irregularity_length_m =
+            float(irregularity.number("length", double(fabric.irregularity_length_m), 1e-5, 1));
+    }
     if (value.has("visibility"))
         fabric.visibility =
             parse_visibility(value["visibility"].choice({"horizon8", "horizon16", "cap", "asg", "asg-lsq", "exact"}));

@@ -43,7 +43,9 @@ struct Fabric {
     Draft draft;
     YarnSpec warp, weft;
     bool use_draft_colours = false; // tint yarns by the draft's colours: one yarn type for each colour that is used
-    int resolution = 256;           // texels along the longer side of the tile
+    float irregularity_deg = 5;     // mean deviation of the fibre twist: N(p) of the paper, 4.1
+    float irregularity_length_m = 0.0015f; // distance over which it changes
+    int resolution = 256;                  // texels along the longer side of the tile
     VisibilityKind visibility = VisibilityKind::horizon8;
     std::vector<std::string> warnings;
 };

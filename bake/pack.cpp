@@ -35,7 +35,8 @@ std::size_t PackedFabric::resident_bytes() const
     std::size_t bytes = 0;
     for (const PackedSide& s : side)
         bytes += s.texels.size() * sizeof(glm::uvec2) + s.horizons.size() * sizeof(glm::uvec2) +
-                 s.slope_mips.size() * sizeof(glm::uint);
+                 s.slope_mips.size() * sizeof(glm::uint) + s.heights.size() * sizeof(std::uint16_t) +
+                 s.asg.size() * sizeof(glm::vec4);
     return bytes;
 }
 

@@ -22,7 +22,10 @@ struct PackedSide {
     std::vector<glm::uvec2>
         horizons; // (w/2)*(h/2): 8 unorm8 knots of sin(horizon), knot k at azimuth k*45 deg in byte k
     std::vector<glm::uint>
-        slope_mips;               // levels 1, 2, ... 1x1 concatenated, each max(1, w>>L) x max(1, h>>L): 2 x snorm16
+        slope_mips; // levels 1, 2, ... 1x1 concatenated, each max(1, w>>L) x max(1, h>>L): 2 x snorm16
+    std::vector<std::uint16_t> heights; // w*h, unorm16 of height_range_m
+    glm::vec2 height_range_m{0};        // lowest and highest of this side
+    std::vector<glm::vec4> asg;   // 2*w*h where the visibility is asg or asg-lsq: (mu, gamma), (sigma_x, sigma_y, C, 0)
     std::vector<float> heights_m; // w*h, metres above the mid-plane in this side's frame; 0 in gaps. CPU only (tests,
                                   // AOVs, the exact march)
 };
@@ -37,7 +40,10 @@ struct PackedFabric {
     std::vector<cloth::f32::ClothYarn> yarns; // yarn types, 1 to 128
     std::vector<std::string> yarn_names;      // "warp", "weft #2f4f9a": one for each yarn type
     VisibilityKind visibility = VisibilityKind::horizon8;
-    bool has_gaps = false;  // any gap texel
+    bool has_gaps = false;                  // any gap texel
+    bool lets_light_between_fibres = false; // a yarn thin enough to show: see unscattered_limit
+    glm::ivec2 noise_cells{1};              // of the twist noise in one repeat
+    float noise_amplitude = 0;              // its mean absolute value [rad]
     bool transmits = false; // any yarn that lets light through (transmission lobes or diffuse transmission not 0)
     float warp_cover = 0, weft_cover = 0, gap_cover = 0; // shares of the front side's texels, sum 1
     glm::vec2 height_range_m{0};                         // front side: lowest and highest

@@ -287,3 +287,64 @@ std::vector<float> cosine_irradiance(const std::vector<glm::uvec2>& knots, const
 }
 
 } // namespace selvedge
+
+namespace selvedge
+{
+
+std::vector<glm::vec4> fit_asg(const HeightField& field, bool least_squares)
+{
+    namespace f64 = cloth::f64;
+    constexpr double pi_d = 3.14159265358979323846, dphi = 2 * pi_d / horizon_azimuths;
+    const glm::vec2 range_m = height_range(field);
+    std::vector<glm::vec4> records(2 * field.height_m->size());
+    tbb::parallel_for(0, field.size.y, [&](int y) {
+        for (int x = 0; x < field.size.x; ++x) {
+            double s[horizon_azimuths];
+            glm::dvec3 sum(0);
+            double omega = 0;
+            glm::dmat3 second(0);
+            for (int k = 0; k < horizon_azimuths; ++k) {
+                const double phi = dphi * (k + 0.5), c = std::cos(phi), n = std::sin(phi);
+                s[k] = double(march_horizon(field, range_m, {float(x) + 0.5f, float(y) + 0.5f}, float(phi)));
+                const double r = std::sqrt(std::max(1 - s[k] * s[k], 0.0)), s3 = s[k] * s[k] * s[k];
+                omega += dphi * (1 - s[k]);
+                const double across = dphi * (std::acos(std::clamp(s[k], 0.0, 1.0)) - s[k] * r) / 2;
+                sum += glm::dvec3(across * c, across * n, dphi * (1 - s[k] * s[k]) / 2);
+                const double h = dphi * (2.0 / 3.0 - s[k] + s3 / 3), v = dphi * r * r * r / 3;
+                second += glm::dmat3(h * c * c, h * c * n, v * c, h * c * n, h * n * n, v * n, v * c, v * n,
+                                     dphi * (1 - s3) / 3);
+            }
+            const glm::dvec3 mu = f64::cloth_unit_vector(sum, {0, 0, 1});
+            const f64::ClothFrame frame = f64::cloth_frame(mu);
+            const double over = 1 / std::max(omega, 1e-6);
+            const double xx = glm::dot(frame.x, second * frame.x) * over,
+                         xy = glm::dot(frame.x, second * frame.y) * over,
+                         yy = glm::dot(frame.y, second * frame.y) * over;
+            const double middle = (xx + yy) / 2, spread = std::hypot((xx - yy) / 2, xy);
+            const double gamma = std::atan2(2 * xy, xx - yy) / 2;
+            const double sigma_x = 1 / (2 * std::max(middle + spread, 1e-4)),
+                         sigma_y = 1 / (2 * std::max(middle - spread, 1e-4));
+            double amplitude = omega > 1e-6 ? 1 : 0;
+            if (least_squares && amplitude > 0) {
+                const f64::real4 axis(mu, gamma), shape(sigma_x, sigma_y, 1, 0);
+                double va = 0, aa = 0;
+                constexpr int rings = 16;
+                for (int k = 0; k < horizon_azimuths; ++k)
+                    for (int j = 0; j < rings; ++j) {
+                        const double z = (j + 0.5) / rings, r = std::sqrt(1 - z * z), phi = dphi * (k + 0.5);
+                        const double a =
+                            f64::cloth_asg_visibility(axis, shape, {r * std::cos(phi), r * std::sin(phi), z});
+                        va += z > s[k] ? a : 0;
+                        aa += a * a;
+                    }
+                amplitude = va / std::max(aa, 1e-9);
+            }
+            const std::size_t at = 2 * (std::size_t(y) * std::size_t(field.size.x) + std::size_t(x));
+            records[at] = glm::vec4(glm::dvec4(mu, gamma));
+            records[at + 1] = glm::vec4(glm::dvec4(sigma_x, sigma_y, amplitude, 0));
+        }
+    });
+    return records;
+}
+
+} // namespace selvedge

@@ -27,6 +27,11 @@ struct HeightField {
 //           clamped, quantised to unorm8
 std::vector<glm::uvec2> horizon_knots(const HeightField& field);
 
+// The paper's visibility: an anisotropic spherical Gaussian a texel (Eq. 7-8) from the same march, moments in closed
+// form (math.md 8.1, 8.2). 2*w*h records: (mu, gamma about cloth_frame(mu)), (sigma_x, sigma_y, amplitude, 0).
+//   least_squares  amplitude <V, A> / <A, A> over the hemisphere instead of 1 (8.3)
+std::vector<glm::vec4> fit_asg(const HeightField& field, bool least_squares);
+
 // Lowest and highest value.
 glm::vec2 height_range(const HeightField& field);
 

@@ -15,6 +15,6 @@ CLOTH_BLOCK(Frame) {
     vec4 camera_up;         // likewise, vertical
     vec4 film;              // xy resolution [px]; zw offset of this frame's samples from the pixel centres [px]
     uvec4 random;           // x seed of the block of samples; y sample inside the block; z footprint samples a frame
-    ivec4 settings;         // x BSDF, y mode, z visibility (cloth_footprint.h); w 1: depth range is [0, 1]
+    ivec4 depth;            // x 1: depth range is [0, 1]
     ivec4 lights;           // x count; yz size of the environment; w nodes of the BVH
 } CLOTH_BLOCK_END(frame);

@@ -5,6 +5,7 @@
 #include "cloth_bsdf.h"
 #include "cloth_visibility.h"
 #include "cloth_fetch.h"
+#include "cloth_noise.h"
 #include "cloth_maps.h"
 #include "cloth_footprint.h"
 #include "cloth_surface.h"

@@ -161,26 +161,51 @@ CLOTH_FN real cloth_diffuse(real3 n, real3 i, real mix_w)
     return (mix_w * max(dot(n, i), real(0)) + (real(1) - mix_w) * max(i.z, real(0))) / cloth_pi;
 }
 
+// Which cosines the slab sees [3.5].
+CLOTH_CONST int cloth_slab_ply   = 0;   // of the ply normal: conserves energy per point
+CLOTH_CONST int cloth_slab_macro = 1;   // of the macroscopic normal, as Jin et al. 2022
+
 // F of a visible point: value with cosine, divided by A_p/A_G, which whoever chose the point accounts for [6.1, 6.4].
 //   return  [1/sr] rgb, no visibility of i yet; 0 where the point faces away from o
-CLOTH_FN real3 cloth_point_value(ClothPoint p, ClothYarn yarn, real3 i, real3 o)
+CLOTH_FN real3 cloth_point_value(ClothPoint p, ClothYarn yarn, real3 i, real3 o, int slab)
 {
     real c_o = dot(p.normal_f, o);
     if (c_o <= real(0) || i.z == real(0)) return real3(real(0));
-    if (i.z > real(0)) {
-        real c_i   = max(dot(p.normal_f, i), real(0));
-        real k     = cloth_slab_reflect(cloth_sggx_d_half(i, o, p.tangent, yarn.alpha_r),
-                                        cloth_sggx_sigma(i, p.tangent, yarn.alpha_r),
-                                        cloth_sggx_sigma(o, p.tangent, yarn.alpha_r), c_i, c_o, yarn.thickness);
-        return yarn.albedo_r * (c_i > real(0) ? k / c_o : real(0)) + yarn.diffuse_r * cloth_diffuse(p.normal_f, i, yarn.diffuse_mix);
+    bool reflected = i.z > real(0);
+    real3 i_side   = reflected ? i : cloth_mirror(i);
+    real3 n_side   = reflected ? p.normal_f : p.normal_b;
+    real alpha     = reflected ? yarn.alpha_r : yarn.alpha_t;
+    real3 albedo   = reflected ? yarn.albedo_r : yarn.albedo_t;
+    real3 diffuse  = reflected ? yarn.diffuse_r : yarn.diffuse_t;
+    real c_i       = max(dot(n_side, i_side), real(0));
+    // K / c_o of the slab: f c_i. With macroscopic cosines f is that of the flat slab and only c_i stays local.
+    real k_i = slab == cloth_slab_macro ? i_side.z : c_i;
+    real k_o = slab == cloth_slab_macro ? o.z : c_o;
+    real f_i = real(0);
+    if (c_i > real(0)) {
+        real d       = cloth_sggx_d_half(i, o, p.tangent, alpha);
+        real sigma_i = cloth_sggx_sigma(i, p.tangent, alpha), sigma_o = cloth_sggx_sigma(o, p.tangent, alpha);
+        f_i = reflected ? cloth_slab_reflect(d, sigma_i, sigma_o, k_i, k_o, yarn.thickness)
+                        : cloth_slab_transmit(d, sigma_i, sigma_o, k_i, k_o, yarn.thickness) * (p.length_b / p.length_f);
+        f_i = f_i / k_o * (c_i / k_i);
     }
-    real3 i_b = cloth_mirror(i);
-    real c_i  = max(dot(p.normal_b, i_b), real(0));
-    real k    = cloth_slab_transmit(cloth_sggx_d_half(i, o, p.tangent, yarn.alpha_t),
-                                    cloth_sggx_sigma(i, p.tangent, yarn.alpha_t),
-                                    cloth_sggx_sigma(o, p.tangent, yarn.alpha_t), c_i, c_o, yarn.thickness);
-    return yarn.albedo_t * (c_i > real(0) ? k * p.length_b / (p.length_f * c_o) : real(0)) +
-           yarn.diffuse_t * cloth_diffuse(p.normal_b, i_b, yarn.diffuse_mix);
+    return albedo * f_i + diffuse * cloth_diffuse(n_side, i_side, yarn.diffuse_mix);
+}
+
+// Share of light that crosses the slab along o without meeting a fibre: the U term of [3.1].
+CLOTH_FN real cloth_unscattered(ClothPoint p, ClothYarn yarn, real3 o)
+{
+    real c_o = max(dot(p.normal_f, o), cloth_cosine_min);
+    return exp(-min(yarn.thickness * cloth_sggx_sigma(o, p.tangent, yarn.alpha_t) / c_o, cloth_depth_max));
+}
+
+// Light that yarns reflect onto each other, as one more diffuse lobe about n_s: albedo of the series over all bounces less
+// the first [9.1].
+//   rho  reflectance of the yarn, [0, 1];  openness  I_p, (0, 1]
+CLOTH_FN real3 cloth_interreflection(real3 rho, real openness)
+{
+    real3 kept = real3(real(1)) - rho * (real(1) - openness);
+    return rho * rho * (openness * (real(1) - openness)) / max(kept, real3(real(1e-4)));
 }
 
 // Selection probabilities of the lobes at a point: x specular reflection, y specular transmission, z diffuse reflection,

@@ -6,7 +6,6 @@ struct ClothShading {
     bool matte;
     real3 albedo;               // matte only
     ClothSelection selection;   // fabric only
-    ClothYarn yarn;
 };
 
 struct ClothDirect {
@@ -24,13 +23,12 @@ CLOTH_FN ClothShading cloth_shade_matte(real3 albedo)
     return shading;
 }
 
-CLOTH_FN ClothShading cloth_shade_fabric(ClothMaps maps, ClothSelection selection)
+CLOTH_FN ClothShading cloth_shade_fabric(ClothSelection selection)
 {
     ClothShading shading;
     shading.matte     = false;
     shading.albedo    = real3(real(0));
     shading.selection = selection;
-    shading.yarn      = cloth_fetch_yarn(maps, selection.texel.yarn);
     return shading;
 }
 
@@ -38,16 +36,20 @@ CLOTH_FN ClothShading cloth_shade_fabric(ClothMaps maps, ClothSelection selectio
 CLOTH_FN real3 cloth_shading_value(ClothShading shading, real3 wi, real3 wo, ClothSettings settings)
 {
     if (shading.matte) return shading.albedo * (max(wi.z, real(0)) / cloth_pi);
-    real v = wi.z > real(0) ? cloth_visibility_of(shading.selection.horizon_f, wi, settings)
-                            : cloth_visibility_of(shading.selection.horizon_b, cloth_mirror(wi), settings);
-    if (v <= real(0)) return real3(real(0));
-    return cloth_point_value(shading.selection.texel.point, shading.yarn, wi, wo) * (v * shading.selection.weight);
+    ClothSelection s = shading.selection;
+    real v = wi.z > real(0) ? cloth_visibility_of(s.front, wi, settings) : cloth_visibility_of(s.back, cloth_mirror(wi), settings);
+    real3 value = real3(real(0));
+    if (v > real(0)) value = cloth_point_value(s.texel.point, s.yarn, wi, wo, settings.slab) * v;
+    // Light that reached the point by way of other yarns has no horizon of its own: openness has counted it.
+    if (settings.interreflection && settings.bsdf == cloth_bsdf_meso && wi.z > real(0))
+        value += cloth_interreflection(s.yarn.reflectance, s.texel.openness_f) * (wi.z / cloth_pi);
+    return value * s.weight;
 }
 
 CLOTH_FN real cloth_shading_pdf(ClothShading shading, real3 wi, real3 wo)
 {
     if (shading.matte) return max(wi.z, real(0)) / cloth_pi;
-    return cloth_point_pdf(shading.selection.texel.point, shading.yarn, wi, wo);
+    return cloth_point_pdf(shading.selection.texel.point, shading.selection.yarn, wi, wo);
 }
 
 CLOTH_FN ClothSample cloth_shading_sample(ClothShading shading, real3 wo, real2 u_lobe, real2 u)
@@ -56,7 +58,7 @@ CLOTH_FN ClothSample cloth_shading_sample(ClothShading shading, real3 wo, real2 
         real3 wi = cloth_cosine_sample(real3(real(0), real(0), real(1)), u);
         return ClothSample(wi, wi.z / cloth_pi);
     }
-    return cloth_point_sample(shading.selection.texel.point, shading.yarn, wo, u_lobe, u);
+    return cloth_point_sample(shading.selection.texel.point, shading.selection.yarn, wo, u_lobe, u);
 }
 
 // A light, chosen by its pmf; u is stretched to be uniform again.

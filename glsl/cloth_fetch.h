@@ -1,6 +1,8 @@
 // The one door through which shared code reads memory: arrays in C++, buffers and textures in GLSL. Imports cloth_types.h.
 //   cloth_fetch_texel      side 0 front, 1 back; xy in [0, size)
 //   cloth_fetch_horizon    xy in [0, size / 2)
+//   cloth_fetch_height     xy in [0, size); metres above the mid-plane on that side
+//   cloth_fetch_asg        two records of four numbers a texel: (mu.xyz, gamma), (sigma_x, sigma_y, amplitude, 0)
 //   cloth_fetch_slope_mip  index into the concatenated mip levels 1, 2, ...
 //   cloth_fetch_environment  rgb radiance, w density over UV (mean 1)
 //   cloth_fetch_alias      x threshold as a 32-bit fraction, y the other texel (alias method, Walker 1977)
@@ -11,7 +13,14 @@ struct ClothMaps {
     const glm::uvec2* texels[2]   = {nullptr, nullptr};
     const glm::uvec2* horizons[2] = {nullptr, nullptr};
     const glm::uint* mips[2]      = {nullptr, nullptr};
+    const std::uint16_t* heights[2] = {nullptr, nullptr};
+    const real4* asg[2]           = {nullptr, nullptr};   // only where the visibility is of that kind
     const ClothYarn* yarns        = nullptr;
+    real2 tile_m = real2(1, 1);             // size of the repeat [m]
+    real2 height_low  = real2(0, 0);        // of front and back [m]
+    real2 height_high = real2(0, 0);
+    ivec2 noise_cells = ivec2(1, 1);        // of the twist noise, per repeat
+    real noise_amplitude = 0;               // mean |N| [rad], 0: none
 };
 
 struct ClothLights {
@@ -34,6 +43,15 @@ inline uint cloth_fetch_slope_mip(const ClothMaps& maps, int side, int index)
 {
     return maps.mips[side][index];
 }
+inline real cloth_fetch_height(const ClothMaps& maps, int side, ivec2 xy)
+{
+    real low = maps.height_low[side], high = maps.height_high[side];
+    return low + (high - low) * (real(maps.heights[side][xy.y * maps.size.x + xy.x]) / real(65535));
+}
+inline real4 cloth_fetch_asg(const ClothMaps& maps, int side, ivec2 xy, int record)
+{
+    return maps.asg[side][(xy.y * maps.size.x + xy.x) * 2 + record];
+}
 inline ClothYarn cloth_fetch_yarn(const ClothMaps& maps, int index)
 {
     return maps.yarns[index];
@@ -55,6 +73,8 @@ inline uvec2 cloth_fetch_alias(const ClothLights& lights, int texel)
 
 uniform usamplerBuffer map_words;      // RG32UI: texels and horizons of all fabrics
 uniform usamplerBuffer slope_words;    // R32UI: slope mips of all fabrics
+uniform usamplerBuffer height_words;   // R16UI: heights of all fabrics
+uniform samplerBuffer asg_table;       // RGBA32F, two records a texel
 uniform samplerBuffer yarn_table;      // RGBA32F, five texels a yarn type
 uniform samplerBuffer light_table;     // RGBA32F, six texels a light
 uniform sampler2D environment_map;     // RGBA32F
@@ -65,7 +85,14 @@ struct ClothMaps {
     ivec2 texels;      // first word of front and back in map_words
     ivec2 horizons;    // likewise
     ivec2 mips;        // in slope_words
+    ivec2 heights;     // in height_words
+    ivec2 asg;         // in asg_table
     int yarns;         // first yarn type in yarn_table
+    vec2 tile_m;
+    vec2 height_low;   // of front and back [m]
+    vec2 height_high;
+    ivec2 noise_cells;
+    float noise_amplitude;
 };
 
 struct ClothLights {
@@ -85,12 +112,22 @@ uint cloth_fetch_slope_mip(ClothMaps maps, int side, int index)
 {
     return texelFetch(slope_words, (side == 0 ? maps.mips.x : maps.mips.y) + index).x;
 }
+float cloth_fetch_height(ClothMaps maps, int side, ivec2 xy)
+{
+    uint word = texelFetch(height_words, (side == 0 ? maps.heights.x : maps.heights.y) + xy.y * maps.size.x + xy.x).x;
+    float low = side == 0 ? maps.height_low.x : maps.height_low.y, high = side == 0 ? maps.height_high.x : maps.height_high.y;
+    return low + (high - low) * (float(word) / 65535.0);
+}
+vec4 cloth_fetch_asg(ClothMaps maps, int side, ivec2 xy, int record)
+{
+    return texelFetch(asg_table, (side == 0 ? maps.asg.x : maps.asg.y) + (xy.y * maps.size.x + xy.x) * 2 + record);
+}
 ClothYarn cloth_fetch_yarn(ClothMaps maps, int index)
 {
     int base = (maps.yarns + index) * 5;
     vec4 a = texelFetch(yarn_table, base), b = texelFetch(yarn_table, base + 1), c = texelFetch(yarn_table, base + 2);
     vec4 d = texelFetch(yarn_table, base + 3), e = texelFetch(yarn_table, base + 4);
-    return ClothYarn(a.xyz, b.xyz, c.xyz, d.xyz, a.w, b.w, c.w, d.w, e.x);
+    return ClothYarn(a.xyz, b.xyz, c.xyz, d.xyz, a.w, b.w, c.w, d.w, e.w, e.xyz);
 }
 ClothLight cloth_fetch_light(ClothLights lights, int index)
 {

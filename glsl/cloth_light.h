@@ -1,6 +1,15 @@
 // Lights: a kind is one constant (cloth_types.h), one branch in cloth_light_sample and, where it has extent, one in
 // cloth_light_hit. Shared; imports cloth_bsdf.h, cloth_fetch.h, random.h.
 
+// The kinds that can occur, as bits. A shader that is told which (CLOTH_LIGHT_KINDS) has no code for the others.
+#ifndef CLOTH_LIGHT_KINDS
+#define CLOTH_LIGHT_KINDS 63
+#endif
+CLOTH_FN bool cloth_light_is(ClothLight light, int kind)
+{
+    return (CLOTH_LIGHT_KINDS & (1 << kind)) != 0 && (CLOTH_LIGHT_KINDS == (1 << kind) || light.kind == kind);
+}
+
 struct ClothLightSample {
     real3 wi;          // unit, world, toward the light
     real distance;     // [m]; a large number for lights at infinity
@@ -17,14 +26,14 @@ CLOTH_FN ClothLightSample cloth_no_light()
 
 CLOTH_FN bool cloth_light_is_delta(ClothLight light)
 {
-    return light.kind == cloth_light_point || light.kind == cloth_light_spot || light.kind == cloth_light_flash ||
-           (light.kind == cloth_light_directional && light.shape.x <= real(0));
+    return cloth_light_is(light, cloth_light_point) || cloth_light_is(light, cloth_light_spot) || cloth_light_is(light, cloth_light_flash) ||
+           (cloth_light_is(light, cloth_light_directional) && light.shape.x <= real(0));
 }
 
 // Lights that BSDF sampling can find with profit: the environment and rectangles. A sun is too small for it.
 CLOTH_FN bool cloth_light_wants_bsdf(ClothLight light)
 {
-    return light.kind == cloth_light_environment || light.kind == cloth_light_area;
+    return cloth_light_is(light, cloth_light_environment) || cloth_light_is(light, cloth_light_area);
 }
 
 // ---- environment: latitude-longitude, y up; u = 1/2 + atan2(x, -z) / 2 pi, v = acos(y) / pi from the top row ----------------
@@ -69,7 +78,7 @@ CLOTH_FN real4 cloth_environment(ClothLights lights, ClothLight light, real3 d)
 // Samples a light from a point. u on the emitter; bits choose the environment's texel.
 CLOTH_FN ClothLightSample cloth_light_sample(ClothLights lights, ClothLight light, real3 position, real2 u, uvec2 bits)
 {
-    if (light.kind == cloth_light_environment) {
+    if (cloth_light_is(light, cloth_light_environment)) {
         ivec2 size = lights.environment_size;
         int texel  = int(cloth_multiply_high(bits.x, uint(size.x * size.y)));
         uvec2 alias = cloth_fetch_alias(lights, texel);
@@ -80,7 +89,7 @@ CLOTH_FN ClothLightSample cloth_light_sample(ClothLights lights, ClothLight ligh
         real4 seen = cloth_environment(lights, light, wi);
         return ClothLightSample(wi, cloth_far, real3(seen.x, seen.y, seen.z), seen.w);
     }
-    if (light.kind == cloth_light_directional) {
+    if (cloth_light_is(light, cloth_light_directional)) {
         if (light.shape.x <= real(0)) return ClothLightSample(light.axis, cloth_far, light.radiance, real(1));
         // Uniform in the cone; 1 - cos is kept as such, since cos of a small angle has no digits left in float.
         real x    = light.shape.x * u.x;
@@ -92,7 +101,7 @@ CLOTH_FN ClothLightSample cloth_light_sample(ClothLights lights, ClothLight ligh
                                 light.radiance / (cloth_pi * light.shape.x * (real(2) - light.shape.x)), pdf);
     }
     real3 target = light.position;
-    if (light.kind == cloth_light_area)
+    if (cloth_light_is(light, cloth_light_area))
         target = target + light.edge_u * (real(2) * u.x - real(1)) + light.edge_v * (real(2) * u.y - real(1));
     real3 to   = target - position;
     real dist2 = dot(to, to);
@@ -100,14 +109,14 @@ CLOTH_FN ClothLightSample cloth_light_sample(ClothLights lights, ClothLight ligh
     real distance = sqrt(dist2);
     real3 wi      = to / distance;
     real cosine   = -dot(wi, light.axis);
-    if (light.kind == cloth_light_area) {
+    if (cloth_light_is(light, cloth_light_area)) {
         if (cosine <= real(0)) return cloth_no_light();
         real area = real(4) * length(cross(light.edge_u, light.edge_v));
         return ClothLightSample(wi, distance, light.radiance, dist2 / (cosine * area));
     }
     real lobe = real(1);
-    if (light.kind == cloth_light_flash) lobe = max(cosine, real(0));
-    if (light.kind == cloth_light_spot) {
+    if (cloth_light_is(light, cloth_light_flash)) lobe = max(cosine, real(0));
+    if (cloth_light_is(light, cloth_light_spot)) {
         real x = clamp((cosine - light.shape.x) / max(light.shape.y - light.shape.x, real(1e-6)), real(0), real(1));
         lobe   = x * x * (real(3) - real(2) * x);
     }
@@ -117,11 +126,11 @@ CLOTH_FN ClothLightSample cloth_light_sample(ClothLights lights, ClothLight ligh
 // What a ray from `position` along wi finds of a light that has extent: radiance, and the pdf that cloth_light_sample has there.
 CLOTH_FN ClothLightSample cloth_light_hit(ClothLights lights, ClothLight light, real3 position, real3 wi)
 {
-    if (light.kind == cloth_light_environment) {
+    if (cloth_light_is(light, cloth_light_environment)) {
         real4 seen = cloth_environment(lights, light, wi);
         return ClothLightSample(wi, cloth_far, real3(seen.x, seen.y, seen.z), seen.w);
     }
-    if (light.kind == cloth_light_area) {
+    if (cloth_light_is(light, cloth_light_area)) {
         real cosine = -dot(wi, light.axis);
         if (cosine <= real(1e-6)) return cloth_no_light();
         real distance = -dot(light.position - position, light.axis) / cosine;

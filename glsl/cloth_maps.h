@@ -35,8 +35,20 @@ CLOTH_FN bool cloth_texel_is_gap(uvec2 word)
     return (word.y & 0x800000u) != 0u;
 }
 
-// Both sides of texel xy as seen from `side`: "front" below is the viewer's side.
-CLOTH_FN ClothTexel cloth_texel(ClothMaps maps, int side, ivec2 xy)
+// Fibre twist at a texel: that of the yarn, plus the noise N(p) of the place on the cloth [math.md 1].
+//   tile  index of the repeat, any integers
+CLOTH_FN real cloth_twist(ClothMaps maps, real twist, ivec2 xy, ivec2 tile)
+{
+    if (maps.noise_amplitude <= real(0)) return twist;
+    real2 cells = real2((real(xy.x) + real(0.5)) / real(maps.size.x) * real(maps.noise_cells.x),
+                        (real(xy.y) + real(0.5)) / real(maps.size.y) * real(maps.noise_cells.y));
+    real2 base  = floor(cells);
+    uvec2 cell  = uvec2(uint(tile.x) * uint(maps.noise_cells.x) + uint(base.x), uint(tile.y) * uint(maps.noise_cells.y) + uint(base.y));
+    return twist + maps.noise_amplitude / cloth_noise_mean_abs * cloth_noise(cell, cells - base);
+}
+
+// Both sides of texel xy of repeat `tile` as seen from `side`: "front" below is the viewer's side.
+CLOTH_FN ClothTexel cloth_texel(ClothMaps maps, int side, ivec2 xy, ivec2 tile, bool noise)
 {
     uvec2 front  = cloth_fetch_texel(maps, side, xy);
     uvec2 back   = cloth_fetch_texel(maps, 1 - side, xy);
@@ -51,13 +63,14 @@ CLOTH_FN ClothTexel cloth_texel(ClothMaps maps, int side, ivec2 xy)
     real cx = cos(azimuth), cy = sin(azimuth);
     real3 t_p    = normalize(real3(cx, cy, s_f.x * cx + s_f.y * cy));   // perpendicular to n_f by construction
     // The mirror of the back side turns the sense of a twist around [math.md 1].
-    real twist   = cloth_fetch_yarn(maps, yarn).twist * (side == 0 ? real(1) : real(-1));
+    real omega   = cloth_fetch_yarn(maps, yarn).twist;
+    real twist   = (noise ? cloth_twist(maps, omega, xy, tile) : omega) * (side == 0 ? real(1) : real(-1));
     real3 t      = cos(twist) * t_p + sin(twist) * cross(n_f, t_p);
     return ClothTexel(ClothPoint(n_f, n_b, t, len_f, len_b), s_f, yarn, cloth_texel_is_gap(front),
                       real(front.y >> 24u) / real(255));
 }
 
-// Horizons around a position in tiles: bilinear between half-resolution texels.
+// Horizons around texel xy: bilinear between half-resolution texels.
 CLOTH_FN ClothHorizon cloth_horizon(ClothMaps maps, int side, ivec2 xy)
 {
     // Half-resolution texel (X, Y) is at full-resolution coordinate 2X + 1/2 between texel centres.
@@ -68,6 +81,21 @@ CLOTH_FN ClothHorizon cloth_horizon(ClothMaps maps, int side, ivec2 xy)
     int x1 = cloth_wrap(x0 + 1, size.x), y1 = cloth_wrap(y0 + 1, size.y);
     return ClothHorizon(cloth_fetch_horizon(maps, side, ivec2(x0, y0)), cloth_fetch_horizon(maps, side, ivec2(x1, y0)),
                         cloth_fetch_horizon(maps, side, ivec2(x0, y1)), cloth_fetch_horizon(maps, side, ivec2(x1, y1)), h - base);
+}
+
+// Height above the mid-plane [m] at a position in tiles, bilinear and periodic.
+CLOTH_FN real cloth_height(ClothMaps maps, int side, real2 tile)
+{
+    real2 f    = tile - floor(tile);
+    real2 c    = real2(f.x * real(maps.size.x) - real(0.5), f.y * real(maps.size.y) - real(0.5));
+    real2 base = floor(c);
+    real2 w    = c - base;
+    int x0 = int(base.x), y0 = int(base.y);
+    int x1 = x0 + 1 >= maps.size.x ? 0 : x0 + 1, y1 = y0 + 1 >= maps.size.y ? 0 : y0 + 1;
+    if (x0 < 0) x0 += maps.size.x;
+    if (y0 < 0) y0 += maps.size.y;
+    return mix(mix(cloth_fetch_height(maps, side, ivec2(x0, y0)), cloth_fetch_height(maps, side, ivec2(x1, y0)), w.x),
+               mix(cloth_fetch_height(maps, side, ivec2(x0, y1)), cloth_fetch_height(maps, side, ivec2(x1, y1)), w.x), w.y);
 }
 
 // Mean slopes (sx, sy) of the 2^level block around a position in tiles; level 0 is the texel, the last level the tile [7].

@@ -11,6 +11,7 @@ struct ClothYarn {
     real thickness;    // optical thickness T of the slab, > 0
     real twist;        // fibre angle to the ply, about the ply normal [rad]
     real diffuse_mix;  // w of [4.1]: 1 = Lambert about the ply normal, 0 = about the macroscopic normal
+    real3 reflectance; // rho of [9.1]: what a yarn surface gives back of light from all around, reflection lobes only
 };
 
 CLOTH_CONST int cloth_light_environment = 0;

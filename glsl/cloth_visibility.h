@@ -1,5 +1,5 @@
-// Horizon visibility V(d) of a texel [math.md 8.5]: eight azimuth knots of s = sin(horizon elevation), 8 bits each, at half
-// resolution. Shared; imports cloth_bsdf.h.
+// Visibility V(d) of a texel: horizon knots [math.md 8.5], our choice, and the paper's anisotropic spherical Gaussian
+// [8.2, 8.3]. Shared; imports cloth_bsdf.h.
 
 // Half width of the soft step of V, in sin(elevation) [8.5].
 CLOTH_CONST real cloth_horizon_soft = real(0.06);
@@ -55,4 +55,17 @@ CLOTH_FN real cloth_horizon_visibility(ClothHorizon horizon, real3 d)
     real s_d   = mix(cloth_horizon_knot(horizon.d, k0), cloth_horizon_knot(horizon.d, k1), f);
     real s     = mix(mix(s_a, s_b, horizon.weight.x), mix(s_c, s_d, horizon.weight.x), horizon.weight.y);
     return cloth_horizon_step(s / real(255), d.z);
+}
+
+// The paper's V: amplitude times ASG, min(1, .), with the clamp that Eq. 8 lost [0, E6].
+//   axis   xyz mean direction mu, w angle gamma of the x axis about mu;  shape  x, y bandwidths, z amplitude C
+CLOTH_FN real cloth_asg_visibility(real4 axis, real4 shape, real3 d)
+{
+    real3 mu     = real3(axis.x, axis.y, axis.z);
+    real along   = dot(mu, d);
+    if (along <= real(0) || d.z <= real(0)) return real(0);
+    ClothFrame f = cloth_frame(mu);
+    real3 x      = f.x * cos(axis.w) + f.y * sin(axis.w);
+    real dx = dot(x, d), dy = dot(cross(mu, x), d);
+    return min(shape.z * along * exp(-shape.x * dx * dx - shape.y * dy * dy), real(1));
 }

@@ -2,7 +2,9 @@
 // interop.h, cloth.h and blocks.h. Written by app/preview/preview.cpp.
 
 uniform samplerBuffer triangle_table;    // RGBA32F, six texels a triangle: p0 t0.x | p1 t0.y | p2 t1.x | n0 t1.y | n1 t2.x | n2 t2.y
-uniform usamplerBuffer object_table;     // RGBA32UI, four texels an object
+uniform usamplerBuffer object_table;     // RGBA32UI, seven texels an object
+
+uniform isamplerBuffer tile_base_table;  // RG32I, one texel a triangle: whole repeats, for the twist noise
 
 struct SceneObject {
     int first_triangle;   // in triangle_table
@@ -14,10 +16,15 @@ struct SceneObject {
 
 SceneObject fetch_object(int index)
 {
-    ivec4 a = ivec4(texelFetch(object_table, index * 4)), b = ivec4(texelFetch(object_table, index * 4 + 1));
-    ivec4 c = ivec4(texelFetch(object_table, index * 4 + 2));
-    uvec4 d = texelFetch(object_table, index * 4 + 3);
-    return SceneObject(a.x, a.y == 0, a.z != 0, uintBitsToFloat(d.xyz), ClothMaps(b.xy, b.zw, c.xy, c.zw, a.w));
+    int base = index * 7;
+    ivec4 a = ivec4(texelFetch(object_table, base)), b = ivec4(texelFetch(object_table, base + 1));
+    ivec4 c = ivec4(texelFetch(object_table, base + 2));
+    uvec4 d = texelFetch(object_table, base + 3);
+    ivec4 e = ivec4(texelFetch(object_table, base + 4));
+    vec4 f  = uintBitsToFloat(texelFetch(object_table, base + 5));
+    uvec4 g = texelFetch(object_table, base + 6);
+    return SceneObject(a.x, a.y == 0, a.z != 0, uintBitsToFloat(d.xyz),
+                       ClothMaps(b.xy, b.zw, c.xy, c.zw, e.xy, e.zw, a.w, uintBitsToFloat(g.xy), f.xy, f.zw, ivec2(g.zw), uintBitsToFloat(d.w)));
 }
 
 ClothTriangle fetch_triangle(int index)
@@ -26,6 +33,11 @@ ClothTriangle fetch_triangle(int index)
     vec4 a = texelFetch(triangle_table, base), b = texelFetch(triangle_table, base + 1), c = texelFetch(triangle_table, base + 2);
     vec4 d = texelFetch(triangle_table, base + 3), e = texelFetch(triangle_table, base + 4), f = texelFetch(triangle_table, base + 5);
     return ClothTriangle(a.xyz, b.xyz, c.xyz, d.xyz, e.xyz, f.xyz, vec2(a.w, b.w), vec2(c.w, d.w), vec2(e.w, f.w));
+}
+
+ivec2 fetch_tile_base(SceneObject object, int triangle)
+{
+    return MODEL_TWIST_NOISE != 0 ? texelFetch(tile_base_table, object.first_triangle + triangle).xy : ivec2(0);
 }
 
 // Row 0 of the framebuffer is the top row of the picture, so that gl_FragCoord is the raster position.
@@ -38,7 +50,8 @@ ClothRay frame_ray(vec2 pixel_centre)
 
 ClothSettings frame_settings()
 {
-    return ClothSettings(frame.settings.x, frame.settings.y, frame.settings.z);
+    return ClothSettings(MODEL_BSDF, MODEL_WEIGHT, MODEL_VISIBILITY, MODEL_SLAB, MODEL_UNSCATTERED != 0, MODEL_INTERREFLECTION != 0,
+                         MODEL_TWIST_NOISE != 0);
 }
 
 ClothLights frame_lights()
@@ -59,8 +72,8 @@ ClothRandom layer_random(uint seed, int object, int triangle, uint attempt)
                        attempt * cloth_dims_per_vertex);
 }
 
-ClothSelection select_on(SceneObject object, ClothSurface surface, ClothRandom random)
+ClothSelection select_on(SceneObject object, int triangle, ClothSurface surface, ClothRandom random)
 {
-    return cloth_select(object.maps, surface.side, ClothFootprint(surface.tile, surface.tile_dx, surface.tile_dy),
+    return cloth_select(object.maps, surface.side, ClothFootprint(surface.tile, surface.tile_dx, surface.tile_dy, fetch_tile_base(object, triangle)),
                         surface.wo, frame_settings(), random);
 }

@@ -17,8 +17,7 @@ vec3 direct_light(ClothSurface surface, ClothShading shading, ClothRandom random
     ClothDirect d = cloth_direct(frame_lights(), surface, shading, frame_settings(), random);
     if (!d.any) return vec3(0.0);
     vec3 side = surface.normal_g * (dot(d.wi, surface.normal_g) < 0.0 ? -1.0 : 1.0);
-    bool dark = blocked(cloth_leave(surface.position, side), d.wi, d.distance * (1.0 - 1e-4), cloth_hash_combine(random.seed, random.offset));
-    return dark ? vec3(0.0) : d.value;
+    return d.value * transmittance(cloth_leave(surface.position, side), d.wi, d.distance * (1.0 - 1e-4));
 }
 
 void main()
@@ -42,11 +41,12 @@ void main()
         ClothRandom random = layer_random(seed, object_index, triangle_index, n * attempts);
 #ifdef FABRIC
         if (!object.matte) {
-            ClothSelection selection = select_on(object, surface, random);
+            ClothSelection selection = select_on(object, triangle_index, surface, random);
 #ifdef GAPS
 #ifdef FOOTPRINT
             for (uint k = 1u; n > 0u && selection.passes && k < attempts; ++k)
-                selection = select_on(object, surface, layer_random(seed, object_index, triangle_index, n * attempts + k));
+                selection = select_on(object, triangle_index, surface,
+                                      layer_random(seed, object_index, triangle_index, n * attempts + k));
             if (selection.passes && n > 0u) selection = first;
 #endif
             // The first one passes only where two compilers have rounded differently: one fragment in millions, left black.
@@ -55,7 +55,7 @@ void main()
 #ifdef FOOTPRINT
             if (n == 0u) first = selection;
 #endif
-            shading = cloth_shade_fabric(object.maps, selection);
+            shading = cloth_shade_fabric(selection);
         }
 #endif
 #ifdef MATTE

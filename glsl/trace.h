@@ -3,28 +3,27 @@
 uniform usamplerBuffer bvh_nodes;       // RGBA32UI, two texels a node: low xyz, skip | high xyz, leaf: first * 8 + count, 0 inner
 uniform usamplerBuffer bvh_triangles;   // RGBA32UI, three texels a triangle, in leaf order: p0, object | e1, triangle | e2, gaps
 
-// Whether the cloth lets a ray through that hits it at barycentrics b (b1, b2).
-bool passes_at(int object_index, int triangle_index, vec2 b, vec3 direction, uint seed)
+// Share of the light that crosses the cloth where a ray hits it at barycentrics b (b1, b2).
+float share_at(int object_index, int triangle_index, vec2 b, vec3 direction)
 {
     SceneObject object     = fetch_object(object_index);
     ClothTriangle triangle = fetch_triangle(object.first_triangle + triangle_index);
     vec2 tile = triangle.t0 + (triangle.t1 - triangle.t0) * b.x + (triangle.t2 - triangle.t0) * b.y;
     vec3 n    = normalize(cross(triangle.p1 - triangle.p0, triangle.p2 - triangle.p0));
-    uint bits = cloth_hash_combine(cloth_hash_combine(cloth_hash_combine(seed, frame.random.y), uint(object_index)), uint(triangle_index));
-    return cloth_passes(object.maps, tile, cloth_to_local(cloth_uv_frame(triangle, n, n), direction), frame_settings(), cloth_unit(bits));
+    return cloth_transmittance(object.maps, tile, cloth_to_local(cloth_uv_frame(triangle, n, n), direction), frame_settings());
 }
 
-// Whether anything stops the light between origin and origin + distance * direction (unit).
-//   seed  of the pixel and sample; decides where a gap is soft
+// Share of the light that gets from origin to origin + distance * direction (unit).
 //
 // Loops within loops, each with one kind of work: to the next leaf, through its triangles, then what the cloth says to a hit.
 // Processors that run many pixels in step (software GL above all, which takes every branch) pay for the dear work only as
 // often as it happens, not at each step of the walk.
-bool blocked(vec3 origin, vec3 direction, float distance, uint seed)
+float transmittance(vec3 origin, vec3 direction, float distance)
 {
+    float share = 1.0;
     vec3 inverse = 1.0 / mix(direction, vec3(1e-20), lessThan(abs(direction), vec3(1e-20)));
     int node = 0, triangle = 0, end = 0;   // next node; next triangle of the leaf that was entered last
-    bool stopped = false, walking = true;
+    bool walking = true;
     while (walking) {
         bool hit = false;
         vec2 b   = vec2(0.0);
@@ -60,12 +59,12 @@ bool blocked(vec3 origin, vec3 direction, float distance, uint seed)
             }
         }
 #ifdef GAPS
-        stopped = hit && (at.z == 0u || !passes_at(int(at.x), int(at.y), b, direction, seed));
-        walking = hit && !stopped;
+        if (hit) share *= at.z == 0u ? 0.0 : share_at(int(at.x), int(at.y), b, direction);
+        walking = hit && share > 0.0;
 #else
-        stopped = hit;
+        share   = hit ? 0.0 : 1.0;
         walking = false;
 #endif
     }
-    return stopped;
+    return share;
 }

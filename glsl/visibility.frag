@@ -15,7 +15,7 @@ void main()
 #ifdef GAPS
     SceneObject object   = fetch_object(object_index);
     ClothSurface surface = cloth_surface(fetch_triangle(object.first_triangle + gl_PrimitiveID), frame_ray(gl_FragCoord.xy));
-    if (select_on(object, surface, layer_random(pixel_seed(gl_FragCoord.xy), object_index, gl_PrimitiveID, 0u)).passes) discard;
+    if (select_on(object, gl_PrimitiveID, surface, layer_random(pixel_seed(gl_FragCoord.xy), object_index, gl_PrimitiveID, 0u)).passes) discard;
 #endif
     id = uvec2(uint(object_index) + 1u, uint(gl_PrimitiveID));
 }

@@ -14,5 +14,5 @@ void main()
     vec2 shift = 2.0 * frame.film.zw / frame.film.xy;
     // Reversed depth without a far plane: near / w. Where the depth range is [-1, 1] the same depth is 2 near / w - 1.
     float depth = frame.camera_forward.w;
-    gl_Position = vec4(x - shift.x * w, -y - shift.y * w, frame.settings.w != 0 ? depth : 2.0 * depth - w, w);
+    gl_Position = vec4(x - shift.x * w, -y - shift.y * w, frame.depth.x != 0 ? depth : 2.0 * depth - w, w);
 }

@@ -97,12 +97,13 @@ bool Renderer::find_vertex(Vertex& vertex, const f32::ClothRay& ray, f32::ClothR
         }
         f32::ClothRandom layer_random = random;
         layer_random.seed = f32::cloth_hash_combine(f32::cloth_hash_combine(random.seed, hit.object), hit.triangle);
-        const f32::ClothFootprint footprint{vertex.surface.tile, vertex.surface.tile_dx, vertex.surface.tile_dy};
+        const f32::ClothFootprint footprint{vertex.surface.tile, vertex.surface.tile_dx, vertex.surface.tile_dy,
+                                            object.mesh.tile_base[hit.triangle]};
         const f32::ClothMaps& maps = maps_[hit.object];
-        const f32::ClothSelection selection =
-            f32::cloth_select(maps, vertex.surface.side, footprint, vertex.surface.wo, scene_.settings, layer_random);
+        const f32::ClothSelection selection = f32::cloth_select(maps, vertex.surface.side, footprint, vertex.surface.wo,
+                                                                scene_.model.settings, layer_random);
         if (!selection.passes) {
-            vertex.shading = f32::cloth_shade_fabric(maps, selection);
+            vertex.shading = f32::cloth_shade_fabric(selection);
             return true;
         }
         passed_object = hit.object;
@@ -111,10 +112,10 @@ bool Renderer::find_vertex(Vertex& vertex, const f32::ClothRay& ray, f32::ClothR
     return false;
 }
 
-glm::vec3 Renderer::direct_light(const Vertex& vertex, f32::ClothRandom random, std::uint32_t vertex_index,
-                                 Counters& counters) const
+glm::vec3 Renderer::direct_light(const Vertex& vertex, f32::ClothRandom random, Counters& counters) const
 {
-    const f32::ClothDirect light = f32::cloth_direct(lights_, vertex.surface, vertex.shading, scene_.settings, random);
+    const f32::ClothDirect light =
+        f32::cloth_direct(lights_, vertex.surface, vertex.shading, scene_.model.settings, random);
     if (!light.any) {
         ++counters.rays_saved;
         return glm::vec3(0.0f);
@@ -122,11 +123,8 @@ glm::vec3 Renderer::direct_light(const Vertex& vertex, f32::ClothRandom random, 
     const glm::vec3 normal =
         glm::dot(light.wi, vertex.surface.normal_g) > 0.0f ? vertex.surface.normal_g : -vertex.surface.normal_g;
     const glm::vec3 origin = f32::cloth_leave(vertex.surface.position, normal);
-    const std::uint32_t seed = vertex_index == 0 ? random.seed : f32::cloth_hash_combine(random.seed, vertex_index);
     ++counters.shadow_rays;
-    if (rays_.occluded(origin, light.wi, light.distance * (1.0f - 1e-4f), scene_.settings, {seed, random.index}))
-        return glm::vec3(0.0f);
-    return light.value;
+    return light.value * rays_.transmittance(origin, light.wi, light.distance * (1.0f - 1e-4f), scene_.model.settings);
 }
 
 void Renderer::add_aovs(double* sums, const Vertex& first, bool first_hit) const
@@ -138,7 +136,7 @@ void Renderer::add_aovs(double* sums, const Vertex& first, bool first_hit) const
         for (int c = 0; c < 2; ++c, ++sums)
             if (first_hit) *sums = double(first.surface.tile[c] - std::floor(first.surface.tile[c]));
     if (settings_.aovs & aov_albedo) {
-        const f32::ClothYarn& yarn = first.shading.yarn;
+        const f32::ClothYarn& yarn = first.shading.selection.yarn;
         const glm::vec3 albedo = first.shading.matte
                                      ? first.shading.albedo
                                      : glm::min(yarn.albedo_r + yarn.diffuse_r + yarn.diffuse_t, glm::vec3(1.0f));
@@ -160,7 +158,7 @@ glm::vec3 Renderer::sample(glm::ivec2 pixel, std::uint32_t block, std::uint32_t 
 
     hit = find_vertex(first, ray, random, counters);
     if (!hit) return f32::cloth_background(lights_, glm::normalize(ray.direction));
-    glm::vec3 radiance = direct_light(first, random, 0, counters);
+    glm::vec3 radiance = direct_light(first, random, counters);
     if (settings_.integrator == Integrator::direct || settings_.max_depth == 1) return radiance;
 
     Vertex vertex = first;
@@ -175,7 +173,7 @@ glm::vec3 Renderer::sample(glm::ivec2 pixel, std::uint32_t block, std::uint32_t 
         const float side = glm::dot(wi, vertex.surface.normal_g);
         if (bounce.wi.z * side <= 0.0f) break;
         throughput *=
-            f32::cloth_shading_value(vertex.shading, bounce.wi, vertex.surface.wo, scene_.settings) / bounce.pdf;
+            f32::cloth_shading_value(vertex.shading, bounce.wi, vertex.surface.wo, scene_.model.settings) / bounce.pdf;
         if (!(largest(throughput) > 0.0f)) break;
 
         const glm::vec3 origin =
@@ -189,7 +187,7 @@ glm::vec3 Renderer::sample(glm::ivec2 pixel, std::uint32_t block, std::uint32_t 
         }
         ray = bounce_ray(origin, glm::normalize(wi), bounce.pdf);
         if (!find_vertex(vertex, ray, random, counters)) break; // the environment is counted by cloth_direct
-        radiance += throughput * direct_light(vertex, random, std::uint32_t(depth), counters);
+        radiance += throughput * direct_light(vertex, random, counters);
     }
     return radiance;
 }

@@ -64,8 +64,7 @@ class Renderer
     struct Vertex;
     bool find_vertex(Vertex& vertex, const cloth::f32::ClothRay& ray, cloth::f32::ClothRandom random,
                      Counters& counters) const;
-    glm::vec3 direct_light(const Vertex& vertex, cloth::f32::ClothRandom random, std::uint32_t vertex_index,
-                           Counters& counters) const;
+    glm::vec3 direct_light(const Vertex& vertex, cloth::f32::ClothRandom random, Counters& counters) const;
     glm::vec3 sample(glm::ivec2 pixel, std::uint32_t block, std::uint32_t index, Counters& counters, Vertex& first,
                      bool& hit) const;
     void add_aovs(double* sums, const Vertex& first, bool first_hit) const;

@@ -46,22 +46,21 @@ struct ShadowContext {
     RTCIntersectContext base;
 #endif
     f32::ClothSettings settings;
-    ShadowKey key;
+    float transmittance; // of the sheets passed so far
 };
 
 // What the filter knows about its geometry.
 struct FilterTarget {
     const SceneObject* object;
-    std::uint32_t index;
     f32::ClothMaps maps;
 };
 
-// Lets a shadow ray through the gaps of one fabric. Called for single rays only.
-void pass_gaps(const RTCFilterFunctionNArguments* arguments)
+// Lets a shadow ray through one sheet of cloth, less what the sheet keeps. Called for single rays only.
+void pass_cloth(const RTCFilterFunctionNArguments* arguments)
 {
     if (arguments->valid[0] == 0) return;
     const FilterTarget& target = *static_cast<const FilterTarget*>(arguments->geometryUserPtr);
-    const ShadowContext& context = *reinterpret_cast<const ShadowContext*>(arguments->context);
+    ShadowContext& context = *reinterpret_cast<ShadowContext*>(arguments->context);
     const std::uint32_t primitive = RTCHitN_primID(arguments->hit, 1, 0);
     const float u = RTCHitN_u(arguments->hit, 1, 0), v = RTCHitN_v(arguments->hit, 1, 0);
     const glm::vec3 direction(RTCRayN_dir_x(arguments->ray, 1, 0), RTCRayN_dir_y(arguments->ray, 1, 0),
@@ -73,9 +72,11 @@ void pass_gaps(const RTCFilterFunctionNArguments* arguments)
         n * (1.0f / std::max({std::abs(n.x), std::abs(n.y), std::abs(n.z), 1e-30f})), glm::vec3(0.0f, 0.0f, 1.0f));
     const f32::ClothFrame frame = f32::cloth_uv_frame(triangle, n_g, n_g);
     const glm::vec2 tile = triangle.t0 + (triangle.t1 - triangle.t0) * u + (triangle.t2 - triangle.t0) * v;
-    const float number = shadow_number(context.key, target.index, primitive);
-    if (f32::cloth_passes(target.maps, tile, f32::cloth_to_local(frame, direction), context.settings, number))
-        arguments->valid[0] = 0;
+    const float share =
+        f32::cloth_transmittance(target.maps, tile, f32::cloth_to_local(frame, direction), context.settings);
+    if (share <= 0.0f) return;
+    context.transmittance *= share;
+    arguments->valid[0] = 0;
 }
 
 RTCGeometry new_geometry(RTCDevice device, const Mesh& mesh)
@@ -111,17 +112,21 @@ RayScene::RayScene(const Scene& scene) : state_(std::make_unique<State>())
     state.device = new_device();
     state.scene = rtcNewScene(state.device);
     rtcSetSceneFlags(state.scene, RTC_SCENE_FLAG_ROBUST);
-    rtcSetSceneBuildQuality(state.scene, RTC_BUILD_QUALITY_HIGH);
+    // High quality splits triangles, and then Embree may show one crossing to the filter twice, which would be counted
+    // twice.
+    const bool filtered = std::any_of(scene.objects.begin(), scene.objects.end(),
+                                      [&](const SceneObject& object) { return lets_rays_through(scene, object); });
+    rtcSetSceneBuildQuality(state.scene, filtered ? RTC_BUILD_QUALITY_MEDIUM : RTC_BUILD_QUALITY_HIGH);
     state.targets.reserve(scene.objects.size());
     for (std::size_t k = 0; k < scene.objects.size(); ++k) {
         const SceneObject& object = scene.objects[k];
         RTCGeometry geometry = new_geometry(state.device, object.mesh);
-        FilterTarget target{&object, std::uint32_t(k), {}};
+        FilterTarget target{&object, {}};
         if (object.fabric >= 0) target.maps = maps_of(scene.fabrics[std::size_t(object.fabric)]);
         state.targets.push_back(target);
-        if (has_gaps(scene, object)) {
+        if (lets_rays_through(scene, object)) {
             rtcSetGeometryUserData(geometry, &state.targets.back());
-            rtcSetGeometryOccludedFilterFunction(geometry, pass_gaps);
+            rtcSetGeometryOccludedFilterFunction(geometry, pass_cloth);
             ++needs_.filtered_objects;
         }
         rtcCommitGeometry(geometry);
@@ -163,8 +168,8 @@ RayHit RayScene::closest(glm::vec3 origin, glm::vec3 direction, float near, floa
     return {true, query.hit.geomID, query.hit.primID, query.ray.tfar};
 }
 
-bool RayScene::occluded(glm::vec3 origin, glm::vec3 direction, float far, const f32::ClothSettings& settings,
-                        ShadowKey key) const
+float RayScene::transmittance(glm::vec3 origin, glm::vec3 direction, float far,
+                              const f32::ClothSettings& settings) const
 {
     RTCRay ray;
     ray.org_x = origin.x, ray.org_y = origin.y, ray.org_z = origin.z;
@@ -177,7 +182,7 @@ bool RayScene::occluded(glm::vec3 origin, glm::vec3 direction, float far, const 
     ray.flags = 0;
     ShadowContext context;
     context.settings = settings;
-    context.key = key;
+    context.transmittance = 1.0f;
 #if RTC_VERSION_MAJOR >= 4
     rtcInitRayQueryContext(&context.base);
     RTCOccludedArguments arguments;
@@ -188,7 +193,7 @@ bool RayScene::occluded(glm::vec3 origin, glm::vec3 direction, float far, const 
     rtcInitIntersectContext(&context.base);
     rtcOccluded1(state_->scene, &context.base, &ray);
 #endif
-    return ray.tfar < 0.0f;
+    return ray.tfar < 0.0f ? 0.0f : context.transmittance;
 }
 
 // ---- the preview's BVH

@@ -20,19 +20,6 @@ struct RayHit {
     float distance = 0.0f; // in lengths of the direction, which need not be unit
 };
 
-// Keys of the numbers that decide whether a gap lets a shadow ray pass.
-struct ShadowKey {
-    std::uint32_t seed = 0, index = 0;
-};
-
-// The number for one triangle in the way; the preview's shader has the same line.
-inline float shadow_number(ShadowKey key, std::uint32_t object, std::uint32_t triangle)
-{
-    using namespace cloth::f32;
-    return cloth_unit(
-        cloth_hash_combine(cloth_hash_combine(cloth_hash_combine(key.seed, key.index), object), triangle));
-}
-
 // What the scene did not need.
 struct RayNeeds {
     std::size_t triangles = 0;
@@ -50,10 +37,9 @@ class RayScene
 
     // First triangle with distance in [near, far], in lengths of `direction`.
     RayHit closest(glm::vec3 origin, glm::vec3 direction, float near, float far) const;
-    // Whether anything keeps light from arriving: matte and opaque fabrics do, fabrics with gaps where cloth_passes
-    // says so.
-    bool occluded(glm::vec3 origin, glm::vec3 direction, float far, const cloth::f32::ClothSettings& settings,
-                  ShadowKey key) const;
+    // Share of the light that arrives: 0 behind matte, times cloth_transmittance for every sheet of cloth in the way.
+    float transmittance(glm::vec3 origin, glm::vec3 direction, float far,
+                        const cloth::f32::ClothSettings& settings) const;
 
     const RayNeeds& needs() const { return needs_; }
 

@@ -25,6 +25,7 @@
 #include "reference/checkpoint.hpp"
 #include "reference/film.hpp"
 #include "reference/integrator.hpp"
+#include "reference/model.hpp"
 #include "reference/rays.hpp"
 #include "reference/scene.hpp"
 
@@ -49,7 +50,7 @@ struct Options {
     double target_error = 0.0; // 0: no limit
     Integrator integrator = Integrator::direct;
     int max_depth = 32;
-    f32::ClothSettings settings{};
+    ModelOptions model;
     std::uint32_t seed = 0;
     int threads = 0;             // 0: all
     glm::ivec2 resolution{0, 0}; // 0: the scene's
@@ -127,7 +128,7 @@ unsigned parse_aovs(const std::vector<std::string>& lists)
 Options parse_options(int argc, char** argv, bool& done)
 {
     Options options;
-    std::string integrator = "direct", bsdf = "meso", visibility = "horizon8", mode = "ours", resolution, region;
+    std::string integrator = "direct", resolution, region;
     std::vector<std::string> aovs;
     bool version = false;
     CLI::App app("Renders a scene of cloth with the reference: shared shading source, Embree rays.", program);
@@ -142,9 +143,11 @@ Options parse_options(int argc, char** argv, bool& done)
     app.add_option("--max-depth", options.max_depth,
                    "path: surfaces that scatter along a path, 1 to 1024 (default 32; 1 is direct)")
         ->check(between(1, 1024));
-    app.add_option("--bsdf", bsdf, "meso (default), micro (the ply-level baseline without shadowing and masking)");
-    app.add_option("--visibility", visibility, "horizon8 (default), none");
-    app.add_option("--mode", mode, "ours (default), paper (how footprint samples are weighted)");
+    app.add_option("--mode", options.model.mode,
+                   "ours (default), paper: all ingredients of the model; single ones by -D model.KEY=value");
+    app.add_option("--bsdf", options.model.bsdf,
+                   "meso (default), micro (the ply-level baseline without shadowing and masking)");
+    app.add_option("--visibility", options.model.visibility, "horizon8 (default), asg, asg-lsq, none");
     app.add_option("--seed", options.seed, "of all random numbers (default 0)")->check(between(0, 4294967295.0));
     app.add_option("--threads", options.threads, "threads (default: all cores)")->check(between(1, 1024));
     app.add_option("--resolution", resolution, "WIDTH,HEIGHT instead of the scene's");
@@ -183,14 +186,7 @@ Options parse_options(int argc, char** argv, bool& done)
     if (options.outputs.empty()) throw UsageError("no -o, expected OUT.exr or OUT.png");
     options.integrator = Integrator(
         parse_word("--integrator", integrator, {{"direct", int(Integrator::direct)}, {"path", int(Integrator::path)}}));
-    options.settings.bsdf =
-        parse_word("--bsdf", bsdf, {{"meso", f32::cloth_bsdf_meso}, {"micro", f32::cloth_bsdf_micro}});
-    options.settings.mode =
-        parse_word("--mode", mode, {{"ours", f32::cloth_mode_ours}, {"paper", f32::cloth_mode_paper}});
-    options.settings.visibility =
-        parse_word("--visibility", visibility,
-                   {{"horizon8", f32::cloth_visibility_horizon8}, {"none", f32::cloth_visibility_none}},
-                   {"horizon16", "cap", "asg", "asg-lsq", "exact"});
+    options.model.prepend_to(options.overrides);
     if (!resolution.empty()) {
         const std::vector<int> n = parse_integers("--resolution", resolution, 2, "WIDTH,HEIGHT");
         if (n[0] < 1 || n[1] < 1 || n[0] > 16384 || n[1] > 16384)
@@ -424,7 +420,6 @@ int run(int argc, char** argv)
 
     Scene scene;
     arena.execute([&] { scene = load_scene(options.scene, options.overrides); });
-    scene.settings = options.settings;
     settings_of(options, scene); // a wrong --region is told before the tree is built
     if (!options.quiet)
         for (const std::string& warning : scene.warnings)
@@ -476,6 +471,7 @@ int run(int argc, char** argv)
             {"resolution", {settings.resolution.x, settings.resolution.y}},
             {"region", {settings.region.x, settings.region.y, settings.region.z, settings.region.w}},
             {"integrator", metadata["selvedge:integrator"]},
+            {"model", model_json(scene.model)},
             {"samples", state.samples * pixels},
             {"spp_mean", double(state.samples)},
             {"block_length", settings.block_length},

@@ -455,13 +455,15 @@ Scene load_scene(const std::filesystem::path& path, const Overrides& overrides)
     Scene scene;
     const SortedOverrides sorted = sort_overrides(JsonValue::read(path.string()), overrides);
     const JsonValue root = JsonValue::read(path.string(), sorted.scene);
-    root.expect_object({"$schema", "name", "camera", "film", "lights", "objects"});
+    root.expect_object({"$schema", "name", "camera", "film", "lights", "objects", "model"});
+    if (root.has("model")) scene.model = parse_model(root["model"]);
     if (root.has("camera")) scene.camera = read_camera(root["camera"]);
     if (root.has("film")) scene.film = read_film(root["film"]);
     if (root.has("objects")) {
         const JsonValue list = root["objects"];
         if (!list.is_array()) list.fail("found something else, expected a list of objects");
-        const BakeOptions options;
+        BakeOptions options;
+        options.visibility = scene.model.visibility;
         FabricShelf shelf(scene, options);
         const std::vector<JsonValue> entries = list.elements();
         for (std::size_t k = 0; k < entries.size(); ++k) {
@@ -498,7 +500,14 @@ f32::ClothMaps maps_of(const PackedFabric& fabric)
         maps.texels[side] = fabric.side[side].texels.data();
         maps.horizons[side] = fabric.side[side].horizons.data();
         maps.mips[side] = fabric.side[side].slope_mips.data();
+        maps.heights[side] = fabric.side[side].heights.data();
+        maps.asg[side] = fabric.side[side].asg.data();
+        maps.height_low[side] = fabric.side[side].height_range_m.x;
+        maps.height_high[side] = fabric.side[side].height_range_m.y;
     }
+    maps.tile_m = fabric.tile_m;
+    maps.noise_cells = fabric.noise_cells;
+    maps.noise_amplitude = fabric.noise_amplitude;
     maps.yarns = fabric.yarns.data();
     return maps;
 }
@@ -530,9 +539,13 @@ f32::ClothTriangle triangle_of(const SceneObject& object, std::size_t triangle)
             tiles[2]};
 }
 
-bool has_gaps(const Scene& scene, const SceneObject& object)
+bool lets_rays_through(const Scene& scene, const SceneObject& object)
 {
-    return object.fabric >= 0 && scene.fabrics[std::size_t(object.fabric)].has_gaps;
+    if (object.fabric < 0) return false;
+    const PackedFabric& fabric = scene.fabrics[std::size_t(object.fabric)];
+    const f32::ClothSettings& settings = scene.model.settings;
+    return fabric.has_gaps ||
+           (settings.unscattered && settings.bsdf == f32::cloth_bsdf_meso && fabric.lets_light_between_fibres);
 }
 
 } // namespace selvedge

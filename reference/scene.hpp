@@ -4,6 +4,7 @@
 #include "bake/bake.hpp"
 #include "bake/pack.hpp"
 #include "glsl/cloth_bsdf.hpp"
+#include "reference/model.hpp"
 #include <filesystem>
 #include <glm/glm.hpp>
 #include <string>
@@ -58,8 +59,7 @@ struct Scene {
     std::vector<Fabric> fabric_sources; // what each was baked from: for live edits (shade_yarns, bake_fabric)
     std::vector<std::filesystem::path> fabric_paths; // empty for a fabric written inside the scene
     int black_lights = 0;                            // lights of the file that shine nothing: not in `lights`
-    cloth::f32::ClothSettings settings{cloth::f32::cloth_bsdf_meso, cloth::f32::cloth_mode_ours,
-                                       cloth::f32::cloth_visibility_horizon8};
+    ModelSpec model = model_preset("ours");
     std::string hash; // 16 hex digits, of everything that decides a pixel but for `settings`
     std::vector<std::string> warnings;
     double seconds_load = 0.0, seconds_bake = 0.0;
@@ -77,7 +77,7 @@ cloth::f32::ClothMaps maps_of(const PackedFabric& fabric);
 cloth::f32::ClothLights lights_of(const Scene& scene);
 cloth::f32::ClothTriangle triangle_of(const SceneObject& object, std::size_t triangle);
 
-// Whether a shadow or camera ray may pass through the object.
-bool has_gaps(const Scene& scene, const SceneObject& object);
+// Whether a ray may pass through the object: through gaps, or between the fibres of its yarns where the model has that.
+bool lets_rays_through(const Scene& scene, const SceneObject& object);
 
 } // namespace selvedge

@@ -142,16 +142,20 @@ def diffuse(n, i, mix):
     return (mix * np.maximum(dot(n, i), 0) + (1 - mix) * np.maximum(i[..., 2], 0)) / PI
 
 
-def point_value(p, i, o):
+def point_value(p, i, o, macro=False):
     """[6.1] divided by w(p, o) = <o.N_f> V_f / A_G: reflection K_r / c_o + F_rd, transmission |N_b|/|N_f| K_t / c_o + F_td."""
     c_o = dot(p.n_f, o)
     seen = (c_o > 0) & (i[..., 2] != 0)
     c_o = np.where(c_o > 0, c_o, 1)
     up = i[..., 2] > 0
     c_f, c_b = np.maximum(dot(p.n_f, i), 0), np.maximum(dot(p.n_b, mirror(i)), 0)
-    k_r = slab_reflect(sggx_d_half(i, o, p.t, p.alpha_r), sggx_sigma(i, p.t, p.alpha_r), sggx_sigma(o, p.t, p.alpha_r), c_f, c_o, p.thickness)
-    k_t = slab_transmit(sggx_d_half(i, o, p.t, p.alpha_t), sggx_sigma(i, p.t, p.alpha_t), sggx_sigma(o, p.t, p.alpha_t), c_b, c_o, p.thickness)
-    spec_r, spec_t = np.where(c_f > 0, k_r / c_o, 0), np.where(c_b > 0, k_t * p.len_b / (p.len_f * c_o), 0)
+    # The slab's own cosines: of the ply, or macroscopic with f times the ply's cosine of i outside [3.5].
+    s_o = np.where(macro, o[..., 2], c_o)
+    s_f, s_b = np.where(macro, np.maximum(i[..., 2], 0), c_f), np.where(macro, np.maximum(-i[..., 2], 0), c_b)
+    k_r = slab_reflect(sggx_d_half(i, o, p.t, p.alpha_r), sggx_sigma(i, p.t, p.alpha_r), sggx_sigma(o, p.t, p.alpha_r), s_f, s_o, p.thickness)
+    k_t = slab_transmit(sggx_d_half(i, o, p.t, p.alpha_t), sggx_sigma(i, p.t, p.alpha_t), sggx_sigma(o, p.t, p.alpha_t), s_b, s_o, p.thickness)
+    over_f, over_b = c_f / np.where(s_f > 0, s_f, 1), c_b / np.where(s_b > 0, s_b, 1)
+    spec_r, spec_t = np.where(c_f > 0, k_r / s_o * over_f, 0), np.where(c_b > 0, k_t * p.len_b / (p.len_f * s_o) * over_b, 0)
     reflected = p.a_r * spec_r[..., None] + p.kd_r * diffuse(p.n_f, i, p.mix)[..., None]
     transmitted = p.a_t * spec_t[..., None] + p.kd_t * diffuse(p.n_b, mirror(i), p.mix)[..., None]
     return np.where(seen[..., None], np.where(up[..., None], reflected, transmitted), 0)
@@ -487,14 +491,51 @@ def select(maps, side, tile, dx, dy, o, bsdf, mode, visibility, seed, index, off
     return np.concatenate([[0, weight], texel])
 
 
-def passes(maps, tile, d, bsdf, visibility, u):
-    """[5.2]: a gap, and the line clears the yarns of both sides."""
+def transmittance(maps, tile, d, bsdf, visibility, unscattered):
+    """[5.2]: in a gap V V of the two sides; on a yarn, where the fibres let light through, U A_p / d.z times that [3.1]."""
     x, y = maps.texel_at(tile)
-    if not maps.gap[0][y, x]:
-        return False
-    if bsdf == 0 or visibility == 0:
-        return True
     up = -d if d[2] < 0 else d
+    share = 1.0
     if up[2] <= 0:
-        return False
-    return u < maps.visibility(0, x, y, up) * maps.visibility(1, x, y, np.array([-up[0], -up[1], up[2]]))
+        return 0.0
+    if not maps.gap[0][y, x]:
+        if bsdf == 0 or not unscattered:
+            return 0.0
+        texel, yarn = maps.texel(0, x, y), maps.yarns[maps.yarn[0][y, x]]
+        facing = texel[0:3] @ up
+        if facing <= 0:
+            return 0.0
+        share = np.exp(-yarn[14] * sggx_sigma(up, texel[6:9], yarn[13]) / max(facing, 1e-6)) * facing * texel[9] / up[2]
+    if bsdf == 0 or visibility == 0:
+        return share
+    return share * maps.visibility(0, x, y, up) * maps.visibility(1, x, y, np.array([-up[0], -up[1], up[2]]))
+
+
+def interreflection(rho, openness):
+    """rho^2 I (1 - I) / (1 - rho (1 - I)) [9.1]."""
+    i = openness[..., None]
+    return rho * rho * i * (1 - i) / np.maximum(1 - rho * (1 - i), 1e-4)
+
+
+def asg_visibility(mu, gamma, sigma_x, sigma_y, amplitude, d):
+    """min(1, C max(mu.d, 0) exp(-sigma_x (d.x)^2 - sigma_y (d.y)^2)), x at angle gamma in the frame of mu [8.2, E6]."""
+    x0, y0, _ = np.moveaxis(frame(mu), -2, 0) if np.asarray(frame(mu)).ndim > 2 else frame(mu)
+    x = x0 * np.cos(gamma)[..., None] + y0 * np.sin(gamma)[..., None]
+    y = np.cross(mu, x)
+    value = amplitude * np.maximum(dot(mu, d), 0) * np.exp(-sigma_x * dot(x, d)**2 - sigma_y * dot(y, d)**2)
+    return np.where(d[..., 2] > 0, np.minimum(value, 1), 0)
+
+
+def noise(cell_x, cell_y, f):
+    """Perlin 2002 with unit gradients at angle 2 pi hash / 2^32 (24 bits), hashed on integer cells."""
+    def corner(dx, dy):
+        mask = np.uint64(0xffffffff)
+        cx, cy = (cell_x.astype(np.uint64) + np.uint64(dx)) & mask, (cell_y.astype(np.uint64) + np.uint64(dy)) & mask
+        inner = np.array([hash32(int((c + np.uint64(0x9e3779b9)) & mask)) for c in cy], np.uint64)
+        h = np.array([hash32(int(v)) for v in (cx * np.uint64(0x8da6b343) + inner) & mask])
+        phi = 2 * PI * (h >> 8) / 2**24
+        return np.cos(phi) * (f[:, 0] - dx) + np.sin(phi) * (f[:, 1] - dy)
+    w = f**3 * (f * (f * 6 - 15) + 10)
+    low = corner(0, 0) * (1 - w[:, 0]) + corner(1, 0) * w[:, 0]
+    high = corner(0, 1) * (1 - w[:, 0]) + corner(1, 1) * w[:, 0]
+    return low * (1 - w[:, 1]) + high * w[:, 1]

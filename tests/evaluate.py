@@ -98,7 +98,7 @@ class GlslEvaluator:
         first = np.concatenate([[0], np.cumsum([len(part) for part in t])])
         mips = [np.ascontiguousarray(side, "u4").ravel() for side in tables.mips]
         y, z = np.asarray(tables.yarns, "f4"), np.zeros((len(tables.yarns), 3), "f4")
-        yarns = np.hstack([y[:, 0:3], y[:, 12:13], y[:, 3:6], y[:, 13:14], y[:, 6:9], y[:, 14:15], y[:, 9:12], y[:, 15:16], y[:, 16:17], z])
+        yarns = np.hstack([y[:, 0:3], y[:, 12:13], y[:, 3:6], y[:, 13:14], y[:, 6:9], y[:, 14:15], y[:, 9:12], y[:, 15:16], z, y[:, 16:17]])
         v, z = np.asarray(tables.lights, "f4"), np.zeros((len(tables.lights), 1), "f4")
         lights = np.hstack([v[:, 2:5], v[:, 17:18], v[:, 5:8], v[:, 18:19], v[:, 8:11], z, v[:, 11:14], z, v[:, 14:17], z, v[:, 0:2], z, z])
         self.bound = [gl.buffer(np.ascontiguousarray(a).tobytes()) for a in (np.concatenate(t), np.concatenate(mips), yarns, lights)]
@@ -125,7 +125,7 @@ class GlslEvaluator:
                 program = self.context.gl.compute_shader(source)
             except moderngl.Error as error:
                 raise AssertionError(shader_source.readable(str(error), files)) from None
-            for unit, name in enumerate(("map_words", "slope_words", "yarn_table", "light_table", "environment_map", "alias_map"), 1):
+            for unit, name in enumerate(("map_words", "slope_words", "yarn_table", "light_table", "environment_map", "alias_map", "height_words", "asg_table"), 1):
                 self.context.set_sampler(program, name, unit)
             self.programs[key] = program
         return self.programs[key]

@@ -48,7 +48,7 @@ CLOTH_FN ClothPoint in_point(int k)   // 11
 
 CLOTH_FN ClothYarn in_yarn(int k)   // 17
 {
-    return ClothYarn(in3(k), in3(k + 3), in3(k + 6), in3(k + 9), in1(k + 12), in1(k + 13), in1(k + 14), in1(k + 15), in1(k + 16));
+    return ClothYarn(in3(k), in3(k + 3), in3(k + 6), in3(k + 9), in1(k + 12), in1(k + 13), in1(k + 14), in1(k + 15), in1(k + 16), real3(real(0)));
 }
 
 CLOTH_FN ClothHorizon in_horizon(int k)   // 18
@@ -69,7 +69,7 @@ CLOTH_FN ClothRay in_ray(int k)   // 12
 
 CLOTH_FN ClothFootprint in_footprint(int k)   // 6
 {
-    return ClothFootprint(in2(k), in2(k + 2), in2(k + 4));
+    return ClothFootprint(in2(k), in2(k + 2), in2(k + 4), ivec2(0, 0));
 }
 
 CLOTH_FN ClothLight in_light(int k)   // 19

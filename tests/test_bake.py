@@ -68,10 +68,18 @@ def test_organza_is_a_third_open_and_satin_shows_its_warp(bake):
 def test_exact_visibility_has_no_error_and_other_kinds_say_that_they_are_missing(bake, fabric):
     path = fabric({"pattern": "plain 1/1"})
     assert report(bake(path, "--json", "--resolution", 64, "--visibility", "exact"))["visibility"]["rms_error"] == 0
-    for kind in ("horizon16", "cap", "asg", "asg-lsq"):
+    for kind in ("horizon16", "cap"):
         result = bake(path, "--visibility", kind)
         assert result.returncode == 2
         assert f"visibility {kind} is not available in this version" in result.stderr and result.stderr.count("\n") == 1
+
+
+def test_the_papers_gaussian_is_far_less_accurate_than_horizons(bake, fabric):
+    """math.md 8.4: literal amplitude .61 to .66, least squares .49 to .54, eight knots .12 to .17 (deep plies .17)."""
+    path = fabric({"pattern": "plain 1/1"})
+    rms = {kind: report(bake(path, "--json", "--resolution", 128, "--visibility", kind))["visibility"]["rms_error"]
+           for kind in ("horizon8", "asg", "asg-lsq")}
+    assert rms["horizon8"] < 0.2 < 0.4 < rms["asg-lsq"] < rms["asg"] < 0.75
 
 
 def test_cache_serves_an_unchanged_fabric_and_a_recoloured_one(bake, fabric):

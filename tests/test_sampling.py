@@ -111,6 +111,11 @@ def point_rows(point, yarn, i, o):
     return np.c_[tile(np.r_[point, yarn], len(i)), i, tile(o, len(i))]
 
 
+def value_rows(point, yarn, i, o):
+    """For point_value, with the slab's cosines about the ply normal."""
+    return np.c_[point_rows(point, yarn, i, o), np.zeros(len(i))]
+
+
 def sample_point(evaluator, build, point, yarn, o, seed, n=SAMPLES):
     rng = np.random.default_rng(seed)
     s = evaluator.run(build, "point_sample", np.c_[tile(np.r_[point, yarn, o], n), stratified(rng, n), stratified(rng, n)])
@@ -137,9 +142,9 @@ def test_sample_weights_give_the_integral_of_the_value(point, yarn, build, evalu
     mean as it is and only spoils the spread."""
     point, yarn = POINTS[point], YARNS[yarn]
     i, pdf = sample_point(evaluator, build, point, yarn, VIEW, 14)
-    weight = evaluator.run(build, "point_value", point_rows(point, yarn, i, VIEW))[:, 0] / pdf
+    weight = evaluator.run(build, "point_value", value_rows(point, yarn, i, VIEW))[:, 0] / pdf
     cells = QUADRATURE
-    integral = evaluator.run(build, "point_value", point_rows(point, yarn, cells, VIEW))[:, 0].mean() * 4 * np.pi
+    integral = evaluator.run(build, "point_value", value_rows(point, yarn, cells, VIEW))[:, 0].mean() * 4 * np.pi
     deviation = weight.std() / np.sqrt(len(weight))
     record_property("weight_deviation", float(weight.std()))
     record_property("integral", float(integral))
@@ -230,7 +235,7 @@ def test_no_point_gives_back_more_than_it_receives(alpha, thickness, build, eval
             for o in VIEWS:
                 if point[:3] @ o <= 0:
                     continue
-                total = evaluator.run(build, "point_value", point_rows(point, yarn, cells, o))[:, 0].mean() * 4 * np.pi
+                total = evaluator.run(build, "point_value", value_rows(point, yarn, cells, o))[:, 0].mean() * 4 * np.pi
                 assert 0 <= total <= 1.002, f"slope {slope}, o {o}, albedo {a}: {total:.4f}"
 
 

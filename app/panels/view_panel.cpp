@@ -18,8 +18,11 @@ void draw_view_panel(ViewPanel& panel, const ViewStatus& status, float& exposure
     if (!ImGui::CollapsingHeader("View", ImGuiTreeNodeFlags_DefaultOpen)) return;
     edits.view |= ImGui::SliderFloat("exposure", &exposure, -8, 8, "%.1f stops");
     edits.settings |= ImGui::Combo("BSDF", &panel.settings.bsdf, "micro\0meso\0");
-    edits.settings |= ImGui::Combo("mode", &panel.settings.mode, "ours\0paper\0");
-    edits.settings |= ImGui::Combo("visibility", &panel.settings.visibility, "none\0horizon8\0");
+    edits.settings |= ImGui::Combo("weight", &panel.settings.weight, "relief\0resample\0mips\0tile\0");
+    edits.settings |= ImGui::Combo("slab", &panel.settings.slab, "ply\0macro\0");
+    edits.settings |= ImGui::Checkbox("unscattered", &panel.settings.unscattered);
+    edits.settings |= ImGui::Checkbox("interreflection", &panel.settings.interreflection);
+    edits.settings |= ImGui::Checkbox("twist noise", &panel.settings.twist_noise);
     edits.settings |=
         ImGui::SliderInt("samples a frame", &panel.footprint_samples, 1, 16, "%d", ImGuiSliderFlags_AlwaysClamp);
     int divisor = panel.divisor == 1 ? 0 : panel.divisor == 2 ? 1 : 2;

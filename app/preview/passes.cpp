@@ -12,9 +12,23 @@ Passes::Passes(const GlInfo& info)
     gl.BufferData(GL_UNIFORM_BUFFER, sizeof(block::Frame), nullptr, GL_DYNAMIC_DRAW);
 }
 
-void Passes::choose(const SceneBuffers& buffers, int footprint_samples)
+void Passes::choose(const SceneBuffers& buffers, const Scene& scene, int footprint_samples)
 {
-    std::vector<std::string> wanted;
+    // What the model evaluates and which lights there are is compiled in: software GL runs both sides of every branch.
+    const cloth::f32::ClothSettings& settings = scene.model.settings;
+    std::vector<std::string> model;
+    const auto define = [&](const char* name, int value) { model.push_back(name + (" " + std::to_string(value))); };
+    define("MODEL_BSDF", settings.bsdf);
+    define("MODEL_WEIGHT", settings.weight);
+    define("MODEL_VISIBILITY", settings.visibility);
+    define("MODEL_SLAB", settings.slab);
+    define("MODEL_UNSCATTERED", settings.unscattered);
+    define("MODEL_INTERREFLECTION", settings.interreflection);
+    define("MODEL_TWIST_NOISE", settings.twist_noise);
+    int kinds = 0;
+    for (const cloth::f32::ClothLight& light : scene.lights) kinds |= 1 << light.kind;
+    define("CLOTH_LIGHT_KINDS", kinds);
+    std::vector<std::string> wanted = model;
     if (buffers.has_fabric) wanted.emplace_back("FABRIC");
     if (buffers.has_gaps) wanted.emplace_back("GAPS");
     if (buffers.has_fabric && footprint_samples > 1) wanted.emplace_back("FOOTPRINT");
@@ -25,8 +39,11 @@ void Passes::choose(const SceneBuffers& buffers, int footprint_samples)
     }
     if (!*opaque_visibility && !buffers.opaque.empty())
         opaque_visibility = ShaderProgram("visibility.vert", "visibility.frag");
-    if (!*gauze_visibility && !buffers.gauze.empty())
-        gauze_visibility = ShaderProgram("visibility.vert", "visibility.frag", {"GAPS"});
+    model.emplace_back("GAPS");
+    if (!buffers.gauze.empty() && (!*gauze_visibility || model != gauze_defines)) {
+        gauze_visibility = ShaderProgram("visibility.vert", "visibility.frag", model);
+        gauze_defines = model;
+    }
 }
 
 void Passes::set_frame(const block::Frame& frame)

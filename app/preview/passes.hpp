@@ -22,7 +22,7 @@ using namespace glm;
 static_assert(offsetof(Frame, camera_position) == 0 && offsetof(Frame, camera_forward) == 16);
 static_assert(offsetof(Frame, camera_right) == 32 && offsetof(Frame, camera_up) == 48);
 static_assert(offsetof(Frame, film) == 64 && offsetof(Frame, random) == 80);
-static_assert(offsetof(Frame, settings) == 96 && offsetof(Frame, lights) == 112 && sizeof(Frame) == 128);
+static_assert(offsetof(Frame, depth) == 96 && offsetof(Frame, lights) == 112 && sizeof(Frame) == 128);
 } // namespace block
 
 class Passes
@@ -31,7 +31,7 @@ class Passes
     explicit Passes(const GlInfo& info);
 
     // Compiles what the scene needs and is not compiled yet.
-    void choose(const SceneBuffers& buffers, int footprint_samples);
+    void choose(const SceneBuffers& buffers, const Scene& scene, int footprint_samples);
     void set_frame(const block::Frame& frame);
 
     void visibility(Targets& targets, const SceneBuffers& buffers);
@@ -48,7 +48,7 @@ class Passes
     void draw_screen();
 
     bool clip_control;
-    std::vector<std::string> defines;
+    std::vector<std::string> defines, gauze_defines;
     ShaderProgram opaque_visibility, gauze_visibility, shading, merging, presenting;
     GlName frame_block, empty_array;
 };

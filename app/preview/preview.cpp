@@ -13,7 +13,7 @@ Preview::Preview(const Scene& from, const GlInfo& gl_info, glm::ivec2 resolution
     : scene(from), info(gl_info), options(wanted), camera(from.camera), buffers(gl_info), passes(gl_info)
 {
     buffers.upload(scene);
-    passes.choose(buffers, options.footprint_samples);
+    passes.choose(buffers, scene, options.footprint_samples);
     targets.resize(resolution, info);
     update_near_plane();
     restart();
@@ -29,7 +29,7 @@ void Preview::set_camera(const CameraSpec& wanted)
 void Preview::set_options(const PreviewOptions& wanted)
 {
     options = wanted;
-    passes.choose(buffers, options.footprint_samples);
+    passes.choose(buffers, scene, options.footprint_samples);
     restart();
 }
 
@@ -42,6 +42,7 @@ void Preview::resize(glm::ivec2 resolution)
 void Preview::lights_changed()
 {
     buffers.upload_lights(scene);
+    passes.choose(buffers, scene, options.footprint_samples);
     restart();
 }
 
@@ -54,8 +55,15 @@ void Preview::yarns_changed()
 void Preview::scene_changed()
 {
     buffers.upload(scene);
-    passes.choose(buffers, options.footprint_samples);
+    passes.choose(buffers, scene, options.footprint_samples);
     update_near_plane();
+    restart();
+}
+
+void Preview::model_changed()
+{
+    buffers.upload_fabrics(scene); // which objects rays may pass through is the model's matter too
+    passes.choose(buffers, scene, options.footprint_samples);
     restart();
 }
 
@@ -97,8 +105,7 @@ void Preview::draw_frame()
     frame.camera_up = glm::vec4(eye.up, 1 / glm::dot(eye.up, eye.up));
     frame.film = glm::vec4(eye.resolution, offset);
     frame.random = glm::uvec4(block_seed, index, static_cast<std::uint32_t>(options.footprint_samples), 0);
-    frame.settings = glm::ivec4(options.settings.bsdf, options.settings.mode, options.settings.visibility,
-                                info.clip_control ? 1 : 0);
+    frame.depth = glm::ivec4(info.clip_control ? 1 : 0, 0, 0, 0);
     frame.lights = glm::ivec4(static_cast<int>(scene.lights.size()), scene.environment.size, buffers.node_count);
     passes.set_frame(frame);
     buffers.bind_textures();
@@ -148,7 +155,11 @@ std::string Preview::reload_shaders()
 
 std::vector<std::string> Preview::features() const
 {
-    return passes.features();
+    // Names alone; definitions with a value are the model's, which reports itself.
+    std::vector<std::string> names;
+    for (const std::string& define : passes.features())
+        if (define.find(' ') == std::string::npos) names.push_back(define);
+    return names;
 }
 
 std::map<std::string, bool> Preview::skipped() const

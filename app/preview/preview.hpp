@@ -17,7 +17,6 @@ namespace selvedge
 {
 
 struct PreviewOptions {
-    cloth::f32::ClothSettings settings{};
     std::uint32_t seed = 0;
     int footprint_samples = 1; // shaded points of each pixel in a frame, [1, 64]
     std::uint32_t planned = 0; // frames that will be drawn, 0 when nobody knows: decides the length of a block
@@ -47,6 +46,7 @@ class Preview
     void lights_changed();
     void yarns_changed();
     void scene_changed();
+    void model_changed(); // scene.model.settings
     void restart();
 
     // Tells, while the first block is unfinished, how many frames there will be: sets the length of blocks.

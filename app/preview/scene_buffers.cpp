@@ -43,6 +43,7 @@ void SceneBuffers::upload(const Scene& scene)
 {
     objects.clear();
     std::vector<glm::vec4> triangles;
+    std::vector<glm::ivec2> bases;
     for (const SceneObject& source : scene.objects) {
         const Mesh& mesh = source.mesh;
         for (std::size_t t = 0; t < mesh.triangles.size(); ++t) {
@@ -55,6 +56,10 @@ void SceneBuffers::upload(const Scene& scene)
                                                {triangle.n2, triangle.t2.y}});
         }
         checked(triangles.size());
+        if (mesh.tile_base.empty())
+            bases.resize(bases.size() + mesh.triangles.size(), glm::ivec2(0));
+        else
+            bases.insert(bases.end(), mesh.tile_base.begin(), mesh.tile_base.end());
         Object object;
         object.index_count = static_cast<GLsizei>(mesh.triangles.size() * 3);
         object.array = GlName(GlName::Kind::vertex_array);
@@ -74,6 +79,7 @@ void SceneBuffers::upload(const Scene& scene)
     gl.BindVertexArray(0);
     check_gl("meshes");
     triangle_table.upload(GL_RGBA32F, 16, triangles.data(), bytes_of(triangles), "triangles", info);
+    tile_bases.upload(GL_RG32I, 8, bases.data(), bytes_of(bases), "repeats", info);
     upload_fabrics(scene);
     upload_lights(scene);
 }
@@ -81,11 +87,13 @@ void SceneBuffers::upload(const Scene& scene)
 void SceneBuffers::upload_fabrics(const Scene& scene)
 {
     struct Place {
-        glm::uvec2 texels, horizons, mips;
+        glm::uvec2 texels, horizons, mips, heights, asg;
         glm::uint yarns;
     };
     std::vector<glm::uvec2> maps;
     std::vector<glm::uint> mips;
+    std::vector<std::uint16_t> heights;
+    std::vector<glm::vec4> asg;
     std::vector<Place> places;
     std::size_t yarns = 0;
     for (const PackedFabric& fabric : scene.fabrics) {
@@ -98,6 +106,12 @@ void SceneBuffers::upload_fabrics(const Scene& scene)
             maps.insert(maps.end(), source.horizons.begin(), source.horizons.end());
             place.mips[side] = word(checked(mips.size()));
             mips.insert(mips.end(), source.slope_mips.begin(), source.slope_mips.end());
+            place.heights[side] = word(checked(heights.size()));
+            place.asg[side] = word(checked(asg.size()));
+            // Only what the model looks at.
+            if (scene.model.settings.weight == cloth::f32::cloth_weight_relief)
+                heights.insert(heights.end(), source.heights.begin(), source.heights.end());
+            asg.insert(asg.end(), source.asg.begin(), source.asg.end());
         }
         place.yarns = word(yarns);
         yarns += fabric.yarns.size();
@@ -105,6 +119,8 @@ void SceneBuffers::upload_fabrics(const Scene& scene)
     }
     map_words.upload(GL_RG32UI, 8, maps.data(), bytes_of(maps), "fabric maps", info);
     slope_words.upload(GL_R32UI, 4, mips.data(), bytes_of(mips), "slope maps", info);
+    height_words.upload(GL_R16UI, 2, heights.data(), bytes_of(heights), "height maps", info);
+    asg_table.upload(GL_RGBA32F, 16, asg.data(), bytes_of(asg), "visibility maps", info);
     upload_yarns(scene);
 
     std::vector<glm::uvec4> table;
@@ -114,21 +130,28 @@ void SceneBuffers::upload_fabrics(const Scene& scene)
     std::size_t first_triangle = 0;
     for (std::size_t k = 0; k < scene.objects.size(); ++k) {
         const SceneObject& object = scene.objects[k];
-        const bool gaps = selvedge::has_gaps(scene, object);
+        const bool gaps = lets_rays_through(scene, object);
         (gaps ? gauze : opaque).push_back(k);
         has_gaps |= gaps;
-        const glm::uvec4 albedo(word(object.albedo.x), word(object.albedo.y), word(object.albedo.z), 0);
+        glm::uvec4 albedo(word(object.albedo.x), word(object.albedo.y), word(object.albedo.z), 0);
         if (object.fabric < 0) {
             has_matte = true;
-            table.insert(table.end(), {{word(first_triangle), 0, 0, 0}, glm::uvec4(0), glm::uvec4(0), albedo});
+            const glm::uvec4 none(0);
+            table.insert(table.end(), {{word(first_triangle), 0, 0, 0}, none, none, albedo, none, none, none});
         } else {
             has_fabric = true;
             const Place& place = places[std::size_t(object.fabric)];
-            const glm::uvec2 size(scene.fabrics[std::size_t(object.fabric)].size);
+            const PackedFabric& fabric = scene.fabrics[std::size_t(object.fabric)];
+            const glm::uvec2 size(fabric.size), cells(fabric.noise_cells);
+            const glm::vec2 front = fabric.side[0].height_range_m, back = fabric.side[1].height_range_m;
+            albedo.w = word(fabric.noise_amplitude);
             table.insert(table.end(), {{word(first_triangle), 1, gaps ? 1 : 0, place.yarns},
                                        {size, place.texels},
                                        {place.horizons, place.mips},
-                                       albedo});
+                                       albedo,
+                                       {place.heights, place.asg},
+                                       {word(front.x), word(back.x), word(front.y), word(back.y)},
+                                       {word(fabric.tile_m.x), word(fabric.tile_m.y), cells}});
         }
         first_triangle += object.mesh.triangles.size();
     }
@@ -145,7 +168,7 @@ void SceneBuffers::upload_yarns(const Scene& scene)
                                        {yarn.albedo_t, yarn.alpha_t},
                                        {yarn.diffuse_r, yarn.thickness},
                                        {yarn.diffuse_t, yarn.twist},
-                                       {yarn.diffuse_mix, 0, 0, 0}});
+                                       {yarn.reflectance, yarn.diffuse_mix}});
     yarn_table.upload(GL_RGBA32F, 16, table.data(), bytes_of(table), "yarns", info);
 }
 
@@ -198,7 +221,7 @@ void SceneBuffers::upload_bvh(const Scene& scene)
         const glm::vec3 p0 = object.mesh.positions[corner.x];
         table.insert(table.end(),
                      {words(p0, which.x), words(object.mesh.positions[corner.y] - p0, which.y),
-                      words(object.mesh.positions[corner.z] - p0, selvedge::has_gaps(scene, object) ? 1 : 0)});
+                      words(object.mesh.positions[corner.z] - p0, lets_rays_through(scene, object) ? 1 : 0)});
     }
     bvh_triangles.upload(GL_RGBA32UI, 16, table.data(), bytes_of(table), "BVH triangles", info);
 }
@@ -210,9 +233,10 @@ void SceneBuffers::bind_textures() const
         gl.BindTexture(target, texture);
     };
     const std::pair<const char*, const BufferTexture*> tables[] = {
-        {"map_words", &map_words},     {"slope_words", &slope_words},       {"yarn_table", &yarn_table},
-        {"light_table", &light_table}, {"triangle_table", &triangle_table}, {"object_table", &object_table},
-        {"bvh_nodes", &bvh_nodes},     {"bvh_triangles", &bvh_triangles}};
+        {"map_words", &map_words},       {"slope_words", &slope_words},       {"yarn_table", &yarn_table},
+        {"height_words", &height_words}, {"asg_table", &asg_table},           {"tile_base_table", &tile_bases},
+        {"light_table", &light_table},   {"triangle_table", &triangle_table}, {"object_table", &object_table},
+        {"bvh_nodes", &bvh_nodes},       {"bvh_triangles", &bvh_triangles}};
     for (const auto& [name, table] : tables) bind(name, GL_TEXTURE_BUFFER, table->texture());
     bind("environment_map", GL_TEXTURE_2D, *environment_map);
     bind("alias_map", GL_TEXTURE_2D, *alias_map);
@@ -227,8 +251,8 @@ void SceneBuffers::bind_object(std::size_t index) const
 std::size_t SceneBuffers::bytes() const
 {
     std::size_t total = 0;
-    for (const BufferTexture* table : {&map_words, &slope_words, &yarn_table, &light_table, &triangle_table,
-                                       &object_table, &bvh_nodes, &bvh_triangles})
+    for (const BufferTexture* table : {&map_words, &slope_words, &height_words, &asg_table, &tile_bases, &yarn_table,
+                                       &light_table, &triangle_table, &object_table, &bvh_nodes, &bvh_triangles})
         total += table->bytes();
     return total;
 }

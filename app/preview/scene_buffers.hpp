@@ -18,9 +18,10 @@ class SceneBuffers
     explicit SceneBuffers(const GlInfo& of_driver) : info(of_driver) {}
 
     // throws std::runtime_error where the scene exceeds a limit of the driver, naming both
-    void upload(const Scene& scene);        // everything
-    void upload_yarns(const Scene& scene);  // same count as before
-    void upload_lights(const Scene& scene); // lights and environment
+    void upload(const Scene& scene);         // everything
+    void upload_yarns(const Scene& scene);   // same count as before
+    void upload_fabrics(const Scene& scene); // maps, yarns, and the objects' references to them
+    void upload_lights(const Scene& scene);  // lights and environment
 
     void bind_textures() const;
     void bind_object(std::size_t index) const; // vertex array of an object
@@ -35,7 +36,6 @@ class SceneBuffers
     static float nearest_distance(const Scene& scene, glm::vec3 point);
 
   private:
-    void upload_fabrics(const Scene& scene); // maps, yarns, and the objects' references to them
     void upload_bvh(const Scene& scene);
 
     struct Object {
@@ -45,8 +45,8 @@ class SceneBuffers
 
     GlInfo info;
     std::vector<Object> objects;
-    BufferTexture map_words, slope_words, yarn_table, light_table, triangle_table, object_table, bvh_nodes,
-        bvh_triangles;
+    BufferTexture map_words, slope_words, height_words, asg_table, tile_bases, yarn_table, light_table, triangle_table,
+        object_table, bvh_nodes, bvh_triangles;
     GlName environment_map, alias_map;
 };
 

@@ -125,7 +125,8 @@ void ShaderProgram::build()
     for (const ShaderText& text : texts) stamps.insert(stamps.end(), text.stamps.begin(), text.stamps.end());
 
     std::string header = "#version 410 core\n";
-    for (const std::string& define : defines) header += "#define " + define + " 1\n";
+    for (const std::string& define : defines)
+        header += "#define " + define + (define.find(' ') == std::string::npos ? " 1\n" : "\n");
     const GlName vertex_shader = compile(GL_VERTEX_SHADER, header, texts[0]);
     const GlName fragment_shader = compile(GL_FRAGMENT_SHADER, header, texts[1]);
     GlName made(GlName::Kind::program, gl.CreateProgram());

@@ -75,9 +75,24 @@ struct Binding {
     GLint unit;
 };
 inline constexpr Binding texture_units[] = {
-    {"map_words", 0}, {"slope_words", 1},    {"yarn_table", 2},   {"light_table", 3}, {"environment_map", 4},
-    {"alias_map", 5}, {"triangle_table", 6}, {"object_table", 7}, {"bvh_nodes", 8},   {"bvh_triangles", 9},
-    {"id_map", 10},   {"block_sum", 11},     {"mean_map", 12},    {"spread_map", 13},
+    {"map_words", 0},
+    {"slope_words", 1},
+    {"yarn_table", 2},
+    {"light_table", 3},
+    {"environment_map", 4},
+    {"alias_map", 5},
+    {"triangle_table", 6},
+    {"object_table", 7},
+    {"bvh_nodes", 8},
+    {"bvh_triangles", 9},
+    {"id_map", 10},
+    {"block_sum", 11},
+    {"mean_map", 12},
+    {"spread_map", 13},
+    // Buffers, on units that other passes use for pictures: a program never has both.
+    {"height_words", 11},
+    {"asg_table", 12},
+    {"tile_base_table", 13},
 };
 GLint texture_unit(const char* name);
 

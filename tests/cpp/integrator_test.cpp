@@ -258,7 +258,8 @@ TEST_CASE("a sheet lets through light and view as its gaps say", "[integrator][g
     REQUIRE(view.fabrics[0].has_gaps);
     const double gaps = double(view.fabrics[0].gap_cover);
     REQUIRE(gaps > 0.05);
-    view.settings.visibility = f32::cloth_visibility_none;
+    view.model.settings.visibility = f32::cloth_visibility_none;
+    view.model.settings.unscattered = false; // gaps alone
     // Points are drawn by visible area, which at normal incidence is even over the sheet.
     const Mean seen = mean_of(view, settings_for(view, Integrator::direct), 1024);
     CHECK(seen.alpha ==
@@ -267,7 +268,8 @@ TEST_CASE("a sheet lets through light and view as its gaps say", "[integrator][g
     // The floor below, lit straight through the gaps.
     Scene lit = sheet(R"({"position": [0, 0.5, 0], "target": [0, 0, 0], "up": [0, 0, -1], "fov": 20})",
                       R"(, {"shape": "plane", "scale": 2, "matte": {"albedo": 1}} )");
-    lit.settings.visibility = f32::cloth_visibility_none;
+    lit.model.settings.visibility = f32::cloth_visibility_none;
+    lit.model.settings.unscattered = false;
     const Mean floor = mean_of(lit, settings_for(lit, Integrator::direct), 1024);
     INFO("found " << floor.value.x * pi / 2.0 << ", gaps " << gaps);
     CHECK(std::abs(floor.value.x * pi / 2.0 - gaps) < 5.0 * std::sqrt(gaps / (1024.0 * 256.0)));

@@ -1,0 +1,38 @@
+// Which ingredients of the model are evaluated, by name: the scene's "model" object, --mode, --bsdf, --visibility and
+// -D model.KEY=value all end here. Programs, the window and reports include it.
+#pragma once
+
+#include <string>
+
+#include "bake/json.hpp"
+#include "bake/pack.hpp"
+#include "glsl/cloth_bsdf.hpp"
+
+namespace selvedge
+{
+
+struct ModelSpec {
+    cloth::f32::ClothSettings settings{};
+    // What the bake has to provide; the shader's settings know no more than the kind of look-up.
+    VisibilityKind visibility = VisibilityKind::horizon8;
+};
+
+// The presets: "ours" (relief, horizons, unscattered light, interreflection, twist noise) and "paper" (weights from the
+// slope mips, ASG as written, nothing else).
+ModelSpec model_preset(const std::string& mode);
+
+// "model": {"mode", "bsdf", "weight", "visibility", "slab", "unscattered", "interreflection", "twist_noise"}; keys
+// beside "mode" change the preset.
+//   throws  InputError with file, line and key
+ModelSpec parse_model(const JsonValue& value);
+
+// The same as JSON, every key filled in: for reports and hashes.
+nlohmann::json model_json(const ModelSpec& model);
+
+// The programs' options: --mode, --bsdf, --visibility. After parsing, `overrides` begins with what they say.
+struct ModelOptions {
+    std::string mode, bsdf, visibility;          // empty: as the scene says
+    void prepend_to(Overrides& overrides) const; // throws UsageError for an unknown word
+};
+
+} // namespace selvedge
