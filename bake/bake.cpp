@@ -10,6 +10,7 @@
 #include "cache.hpp"
 #include "energy.hpp"
 #include "error.hpp"
+#include "knit_yarns.hpp"
 #include "maps.hpp"
 #include "ply.hpp"
 #include "visibility.hpp"
@@ -20,7 +21,6 @@ namespace selvedge
 namespace
 {
 
-constexpr float pi = 3.14159265358979f;
 constexpr float unscattered_limit =
     1e-3f; // a yarn that lets less than this through at normal incidence is taken for opaque
 
@@ -85,6 +85,8 @@ void finish(const Fabric& fabric, VisibilityKind kind, PackedFabric& packed)
         for (std::size_t i = 0; i < side.heights.size(); ++i)
             side.heights[i] = static_cast<std::uint16_t>(
                 std::lround(std::clamp((side.heights_m[i] - low) / range, 0.0f, 1.0f) * 65535.0f));
+        const std::vector<std::uint16_t> bounds = height_bounds(side.heights, packed.size);
+        side.heights.insert(side.heights.end(), bounds.begin(), bounds.end());
         if (kind == VisibilityKind::asg || kind == VisibilityKind::asg_lsq)
             side.asg = fit_asg(field, kind == VisibilityKind::asg_lsq);
     }
@@ -101,31 +103,9 @@ void finish(const Fabric& fabric, VisibilityKind kind, PackedFabric& packed)
 std::vector<cloth::f32::ClothYarn> shade_yarns(const Fabric& fabric)
 {
     std::vector<cloth::f32::ClothYarn> out;
-    const float warp_reflects = mean_slab_reflectance(fabric.warp.roughness, fabric.warp.thickness);
-    const float weft_reflects = mean_slab_reflectance(fabric.weft.roughness, fabric.weft.thickness);
-    for (const YarnTypes::Type& type : yarn_types(fabric).types) {
-        const YarnSpec& spec = type.warp ? fabric.warp : fabric.weft;
-        cloth::f32::ClothYarn yarn{};
-        yarn.albedo_r = spec.albedo * type.tint;
-        yarn.albedo_t = spec.albedo_transmission.value_or(spec.albedo) * type.tint;
-        if (spec.diffuse || spec.diffuse_transmission) {
-            yarn.diffuse_r = spec.diffuse.value_or(glm::vec3(0)) * type.tint;
-            yarn.diffuse_t = spec.diffuse_transmission.value_or(glm::vec3(0)) * type.tint;
-        } else {
-            const glm::vec2 share = rescattered_share(spec.thickness);
-            const float again = rescattering_probability(spec.thickness);
-            const auto kept = [&](glm::vec3 a) { return a * a * (1 - again) / (1.0f - a * again); };
-            yarn.diffuse_r = share.x * kept(yarn.albedo_r);
-            yarn.diffuse_t = share.y * kept(yarn.albedo_t);
-        }
-        yarn.alpha_r = std::clamp(spec.roughness, 0.01f, 1.0f);
-        yarn.alpha_t = std::clamp(spec.roughness_transmission.value_or(spec.roughness), 0.01f, 1.0f);
-        yarn.thickness = spec.thickness;
-        yarn.twist = spec.fibre_twist_deg * pi / 180;
-        yarn.diffuse_mix = spec.diffuse_mix;
-        yarn.reflectance = yarn.diffuse_r + yarn.albedo_r * (type.warp ? warp_reflects : weft_reflects);
-        out.push_back(yarn);
-    }
+    const SlabTable warp = slab_table(fabric.warp), weft = slab_table(fabric.weft);
+    for (const YarnTypes::Type& type : yarn_types(fabric).types)
+        out.push_back(shade_yarn(type.warp ? fabric.warp : fabric.weft, type.tint, type.warp ? warp : weft));
     return out;
 }
 
@@ -138,39 +118,47 @@ PackedFabric bake_fabric(const Fabric& fabric, const BakeOptions& options, BakeR
         throw UsageError("visibility %s is not available in this version, expected horizon8, asg, asg-lsq or exact",
                          visibility_name(kind));
 
-    const WovenPlan plan = plan_woven(fabric, options.resolution > 0 ? options.resolution : fabric.resolution);
+    const int resolution = options.resolution > 0 ? options.resolution : fabric.resolution;
+    const WovenPlan woven = fabric.knit ? WovenPlan() : plan_woven(fabric, resolution);
+    const KnitPlan knit = fabric.knit ? plan_knit(fabric, resolution) : KnitPlan();
+    const glm::ivec2 size = fabric.knit ? knit.size : woven.size;
+    const glm::vec2 tile_m = fabric.knit ? knit.tile_m : woven.tile_m;
     PackedFabric packed;
     packed.name = fabric.name;
-    packed.size = plan.size;
+    packed.size = size;
     packed.visibility = kind;
     packed.warnings = fabric.warnings;
-    packed.warnings.insert(packed.warnings.end(), plan.warnings.begin(), plan.warnings.end());
+    for (const std::string& warning : fabric.knit ? knit.warnings : woven.warnings) packed.warnings.push_back(warning);
     const YarnTypes types = yarn_types(fabric);
     for (const YarnTypes::Type& type : types.types) packed.yarn_names.push_back(type.name);
     packed.yarns = shade_yarns(fabric);
     for (const auto& yarn : packed.yarns)
         packed.transmits = packed.transmits || glm::any(glm::greaterThan(yarn.albedo_t + yarn.diffuse_t, glm::vec3(0)));
 
-    const std::string hash = options.use_cache ? geometry_hash(fabric, plan, kind) : "";
+    const std::string hash = !options.use_cache ? ""
+                             : fabric.knit      ? geometry_hash(fabric, knit, kind)
+                                                : geometry_hash(fabric, woven, kind);
     spent.cached = options.use_cache && !options.force && read_cache(hash, packed, &spent.disk_bytes);
     if (!spent.cached) {
-        packed.tile_m = plan.tile_m;
+        packed.tile_m = tile_m;
         stage.lap();
-        const PlyModel model = weave_plies(fabric, plan);
+        PlyModel model =
+            wind_plies(tile_m, fabric.knit ? knit_yarns(fabric, knit, packed.warnings) : weave_yarns(fabric, woven));
+        if (fabric.knit) model.wall_share = 1, model.gap_steepness = 3; // loops lie high above each other
         spent.pattern_seconds = stage.lap();
-        const FabricMaps maps = project_plies(model, plan.size, samples_for(plan.size));
+        const FabricMaps maps = project_plies(model, size, samples_for(size));
         count_cover(maps, types, packed);
         spent.maps_seconds = stage.lap();
         for (int s = 0; s < 2; ++s) {
             PackedSide& side = packed.side[s];
-            side.horizons = horizon_knots({plan.size, plan.tile_m, &maps.side[s].height_m});
+            side.horizons = horizon_knots({size, tile_m, &maps.side[s].height_m});
             std::vector<glm::vec2> shown = maps.side[s].slope; // as stored: gaps are flat
             for (std::size_t i = 0; i < shown.size(); ++i)
                 if (maps.gap[i]) shown[i] = glm::vec2(0);
-            const std::vector<float> irradiance = cosine_irradiance(side.horizons, shown, plan.size);
+            const std::vector<float> irradiance = cosine_irradiance(side.horizons, shown, size);
             spent.visibility_seconds += stage.lap();
             pack_side(maps, s, irradiance, side);
-            for (const glm::vec2 slope : slope_mips(maps.side[s].slope, plan.size))
+            for (const glm::vec2 slope : slope_mips(maps.side[s].slope, size))
                 side.slope_mips.push_back(pack_slope(slope));
             spent.normals_seconds += stage.lap();
         }

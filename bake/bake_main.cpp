@@ -9,10 +9,12 @@
 #include <nlohmann/json.hpp>
 
 #include "bake/bake.hpp"
+#include "bake/energy.hpp"
 #include "bake/error.hpp"
 #include "bake/image.hpp"
 #include "bake/map_sheet.hpp"
 #include "bake/program.hpp"
+#include "bake/weaves.hpp"
 #include "bake/wif.hpp"
 
 namespace
@@ -24,7 +26,7 @@ struct Options {
     std::string input, output_folder, preview, export_draft, visibility;
     Overrides overrides;
     int resolution = 0;
-    bool force = false, json = false, quiet = false, list = false, version = false;
+    bool albedo = false, force = false, json = false, quiet = false, list = false, version = false;
 };
 
 Options parse_options(int argc, char** argv, bool& done)
@@ -32,7 +34,8 @@ Options parse_options(int argc, char** argv, bool& done)
     Options options;
     CLI::App app("Bakes a fabric: pattern and yarns to feature maps, visibility and slope mips, into the cache.",
                  "selvedge-bake");
-    app.add_option("input", options.input, "FABRIC.json or DRAFT.wif");
+    app.add_option("input", options.input,
+                   "FABRIC.json, DRAFT.wif, ROWS.txt of x and dots, or a knit: .chart, .csv, .png, .k, .knitout");
     app.add_option("-o,--output", options.output_folder, "folder for maps.exr and fabric.json (besides the cache)");
     app.add_option("--resolution", options.resolution, "texels along the longer side of the repeat (16 to 2048)")
         ->check(CLI::Range(16, 2048));
@@ -42,9 +45,11 @@ Options parse_options(int argc, char** argv, bool& done)
         ->allow_extra_args(false);
     app.add_option("--preview", options.preview, "PNG: all maps on one sheet, front above, back below");
     app.add_option("--export-draft", options.export_draft, "WIF: the woven pattern");
+    app.add_flag("--albedo", options.albedo,
+                 "what the cloth reflects and lets through under a uniform sky, by angle, front and back");
     app.add_flag("--force", options.force, "bake even when the cache has it");
     app.add_flag("--json", options.json, "one JSON object on stdout");
-    app.add_flag("--list", options.list, "the built-in weaves");
+    app.add_flag("--list", options.list, "the built-in weaves and knits");
     app.add_flag("-q,--quiet", options.quiet, "no warnings, no summary");
     app.add_flag("-V,--version", options.version, "version, git revision, libraries");
     try {
@@ -59,11 +64,12 @@ Options parse_options(int argc, char** argv, bool& done)
     if (options.version || options.list) {
         std::string text = options.version ? version_text("selvedge-bake", image_library_versions()) : "";
         if (options.list)
-            for (const std::string& weave : builtin_weaves()) text += weave + "\n";
+            for (const auto& list : {builtin_weaves(), builtin_knits()})
+                for (const std::string& line : list) text += line + "\n";
         std::fputs(text.c_str(), stdout);
         done = true;
     } else if (options.input.empty()) {
-        throw UsageError("no input, expected FABRIC.json or DRAFT.wif");
+        throw UsageError("no input, expected FABRIC.json, DRAFT.wif, ROWS.txt or a knitting chart");
     }
     return options;
 }
@@ -95,6 +101,39 @@ nlohmann::json report_json(const PackedFabric& fabric, const BakeReport& report,
             {"warnings", fabric.warnings}};
 }
 
+constexpr int albedo_angles_deg[] = {0, 15, 30, 45, 60, 75, 85};
+
+// [{"side", "angle", "reflectance", "transmittance", "straight", "standard_error"}, ...]
+nlohmann::json albedo_json(const PackedFabric& fabric)
+{
+    nlohmann::json rows = nlohmann::json::array();
+    const auto rgb = [](glm::dvec3 c) { return nlohmann::json{c.x, c.y, c.z}; };
+    for (int side = 0; side < 2; ++side)
+        for (const int angle : albedo_angles_deg) {
+            const ClothAlbedo albedo = cloth_albedo(fabric, side, angle);
+            rows.push_back({{"side", side == 0 ? "front" : "back"},
+                            {"angle", angle},
+                            {"reflectance", rgb(albedo.reflectance)},
+                            {"transmittance", rgb(albedo.transmittance)},
+                            {"straight", albedo.straight},
+                            {"standard_error", albedo.standard_error}});
+        }
+    return rows;
+}
+
+void print_albedo(const nlohmann::json& rows)
+{
+    std::printf("side   angle  reflectance             transmittance           straight  +-\n");
+    for (const nlohmann::json& row : rows) {
+        const auto number = [&row](const char* key, std::size_t c) { return row[key][c].get<double>(); };
+        std::printf("%-5s  %4d   %6.4f  %6.4f  %6.4f  %6.4f  %6.4f  %6.4f  %6.4f    %6.4f\n",
+                    row["side"].get<std::string>().c_str(), row["angle"].get<int>(), number("reflectance", 0),
+                    number("reflectance", 1), number("reflectance", 2), number("transmittance", 0),
+                    number("transmittance", 1), number("transmittance", 2), row["straight"].get<double>(),
+                    row["standard_error"].get<double>());
+    }
+}
+
 void print_warnings(const Options& options, const std::vector<std::string>& warnings)
 {
     if (!options.quiet)
@@ -114,6 +153,8 @@ int bake(int argc, char** argv)
 
     const Fabric fabric = load_fabric(options.input, options.overrides);
     if (!options.export_draft.empty()) {
+        if (fabric.draft.ends.empty())
+            throw InputError(options.input, 0, "not woven, expected a woven pattern for --export-draft");
         const std::string text = format_wif(fabric.draft, version());
         write_file(options.export_draft, text.data(), text.size());
         if (options.preview.empty() && options.output_folder.empty() && !options.json) {
@@ -131,6 +172,11 @@ int bake(int argc, char** argv)
     }
     nlohmann::json json;
     if (options.json || !options.output_folder.empty()) json = report_json(packed, report, measure_visibility(packed));
+    nlohmann::json albedo;
+    if (options.albedo) {
+        albedo = albedo_json(packed);
+        if (!json.is_null()) json["albedo"] = albedo;
+    }
     if (!options.output_folder.empty()) {
         std::error_code error;
         std::filesystem::create_directories(options.output_folder, error);
@@ -147,6 +193,7 @@ int bake(int argc, char** argv)
                     1e3 * static_cast<double>(packed.tile_m.y), 100 * static_cast<double>(packed.warp_cover),
                     100 * static_cast<double>(packed.weft_cover), 100 * static_cast<double>(packed.gap_cover),
                     report.cached ? "from the cache in" : "baked in", report.total_seconds);
+    if (options.albedo && !options.json) print_albedo(albedo);
     return 0;
 }
 

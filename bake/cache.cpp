@@ -16,7 +16,7 @@ namespace
 {
 
 // Raise it when the words of a bake change for the same inputs.
-constexpr std::uint32_t format_version = 1;
+constexpr std::uint32_t format_version = 2;
 constexpr char magic[8] = {'s', 'e', 'l', 'v', 'b', 'a', 'k', 'e'};
 
 struct Header {
@@ -88,6 +88,26 @@ std::string geometry_hash(const Fabric& fabric, const WovenPlan& plan, Visibilit
     }
     for (const int value : {plan.warp_plies, plan.weft_plies, plan.warp_turns, plan.weft_turns})
         hash.number(std::int64_t(value));
+    return hash.hex();
+}
+
+std::string geometry_hash(const Fabric& fabric, const KnitPlan& plan, VisibilityKind visibility)
+{
+    ContentHash hash;
+    hash.text("knit");
+    for (const int value : {static_cast<int>(format_version), plan.size.x, plan.size.y, static_cast<int>(visibility),
+                            plan.pattern.columns, plan.pattern.rows, plan.pattern.rows_per_course, plan.across, plan.up,
+                            plan.plies})
+        hash.number(std::int64_t(value));
+    for (const KnitLoop& loop : plan.pattern.loops) {
+        for (const int value : {loop.row, loop.column, loop.face, loop.bed, loop.level, loop.strand})
+            hash.number(std::int64_t(value));
+        hash.number(std::int64_t(loop.parents.size()));
+        hash.bytes(loop.parents.data(), loop.parents.size() * sizeof(KnitParent));
+    }
+    for (const float value : {plan.wale_m, plan.row_m, plan.loop_m, plan.width_m, fabric.weft.aspect,
+                              plan.plies > 1 ? fabric.weft.ply_twist_deg : 0.0f})
+        hash.number(value);
     return hash.hex();
 }
 

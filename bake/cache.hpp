@@ -4,6 +4,7 @@
 #include <cstdint>
 #include <string>
 
+#include "knit_yarns.hpp"
 #include "pack.hpp"
 #include "ply.hpp"
 
@@ -27,6 +28,7 @@ class ContentHash
 // Hash of everything that the baked words depend on: pattern, yarn geometry, texels, visibility, format version.
 // Albedo, roughness, optical thickness and fibre twist are not among them.
 std::string geometry_hash(const Fabric& fabric, const WovenPlan& plan, VisibilityKind visibility);
+std::string geometry_hash(const Fabric& fabric, const KnitPlan& plan, VisibilityKind visibility);
 
 // $SELVEDGE_CACHE, else $XDG_CACHE_HOME/selvedge, else $HOME/.cache/selvedge, else a folder in /tmp.
 std::string cache_folder();

@@ -1,4 +1,4 @@
-// bake/draft.hpp: a woven pattern as interlacing and colours; the built-in weaves. Read by ply.cpp, written by wif.cpp.
+// bake/draft.hpp: a woven pattern as interlacing and colours. weaves.cpp and wif.cpp make it, ply.cpp reads it.
 #pragma once
 
 #include <string>
@@ -8,6 +8,10 @@
 
 namespace selvedge
 {
+
+// Bounds of every reader: what is larger is refused before anything large is made. A bake resolves far less.
+inline constexpr int thread_limit = 10000;     // ends or picks
+inline constexpr int crossing_limit = 8 << 20; // ends times picks
 
 // One end or one pick as the draft tells it; 0 where the draft is silent.
 struct DraftThread {
@@ -26,15 +30,6 @@ struct Draft {
 
     bool warp_on_top(std::size_t pick, std::size_t end) const { return warp_up[pick * ends.size() + end] != 0; }
 };
-
-// "plain 1/1", "twill 2/2", "twill 3/1 S", "satin 5", "satin 8/3", "basket 2/2", ...: see builtin_weaves().
-//   pattern  "twill A/B": A over, B under, Z (right) unless "S" follows; "satin N" or "satin N/STEP" warp-faced;
-//            "sateen N" weft-faced; "plain 1/1" or "plain"; "basket N/N"
-//   throws   InputError(file, line) that lists the kinds
-Draft builtin_weave(const std::string& pattern, const std::string& file = {}, int line = 0);
-
-// One line each for --list and messages.
-std::vector<std::string> builtin_weaves();
 
 // Smallest block that gives back the draft by repetition, colours, spacing and thickness included.
 Draft smallest_repeat(const Draft& draft);

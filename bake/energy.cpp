@@ -1,12 +1,16 @@
-// bake/energy.cpp: quadrature over the shared slab functions; fits of math.md 9.2.
+// bake/energy.cpp: quadrature over the shared slab functions; fits of math.md 9.2; Monte Carlo over the whole cloth.
 #include "energy.hpp"
 
 #include <algorithm>
 #include <cmath>
+#include <vector>
+
+#include <tbb/parallel_for.h>
 
 namespace selvedge
 {
 
+namespace f32 = cloth::f32;
 namespace f64 = cloth::f64;
 
 glm::dvec3 slab_albedo(double alpha_r, double alpha_t, double thickness, double c_o, double across)
@@ -36,16 +40,27 @@ glm::dvec3 slab_albedo(double alpha_r, double alpha_t, double thickness, double 
     return albedo;
 }
 
-float mean_slab_reflectance(float alpha, float thickness)
+SlabTable slab_table(const YarnSpec& spec)
 {
-    constexpr int steps = 6;
-    double sum = 0;
-    for (int a = 0; a < steps; ++a)
-        for (int b = 0; b < steps; ++b)
-            sum += slab_albedo(double(alpha), double(alpha), double(thickness), std::sqrt((a + 0.5) / steps),
-                               std::sin((b + 0.5) / steps * 1.5707963267948966))
-                       .x;
-    return float(sum / (steps * steps));
+    constexpr double degrees = 57.29577951308232, extreme_deg[SlabTable::extremes] = {0, 85, 89};
+    const double alpha_r = double(spec.roughness),
+                 alpha_t = double(spec.roughness_transmission.value_or(spec.roughness));
+    SlabTable table;
+    double mean = 0;
+    for (int a = 0; a < SlabTable::shares + SlabTable::extremes; ++a)
+        for (int b = 0; b < SlabTable::turns; ++b) {
+            const bool share = a < SlabTable::shares;
+            const double c_o = share ? std::sqrt((a + 0.5) / SlabTable::shares)
+                                     : std::cos(extreme_deg[a - SlabTable::shares] / degrees);
+            // Extremes along and across the fibre, too.
+            const double turn = (share ? b + 0.5 : b * 1.5) / SlabTable::turns * 90;
+            SlabTable::Row& row = table.rows[a * SlabTable::turns + b];
+            row.angle_deg = std::acos(c_o) * degrees;
+            row.albedo = slab_albedo(alpha_r, alpha_t, double(spec.thickness), c_o, std::sin(turn / degrees));
+            if (share) mean += row.albedo.x / (SlabTable::shares * SlabTable::turns);
+        }
+    table.reflectance = float(mean);
+    return table;
 }
 
 float rescattering_probability(float thickness)
@@ -68,24 +83,116 @@ glm::vec2 rescattered_share(float thickness)
     return {all * reflected, all * (1 - reflected)};
 }
 
-YarnEnergy yarn_energy(const cloth::f32::ClothYarn& yarn, bool unscattered)
+YarnEnergy most_sent_out(const cloth::f32::ClothYarn& yarn, const SlabTable& slab)
 {
     YarnEnergy worst;
-    constexpr int angles = 8, turns = 3;
-    for (int a = 0; a < angles; ++a)
-        for (int b = 0; b < turns; ++b) {
-            const double angle = 89.0 * a / (angles - 1);
-            const glm::dvec3 albedo = slab_albedo(double(yarn.alpha_r), double(yarn.alpha_t), double(yarn.thickness),
-                                                  std::cos(angle / 57.29577951308232), double(b) / (turns - 1));
-            for (int c = 0; c < 3; ++c) {
-                const double slab = double(yarn.albedo_r[c]) * albedo.x + double(yarn.albedo_t[c]) * albedo.y;
-                const double diffuse = double(yarn.diffuse_r[c]) + double(yarn.diffuse_t[c]);
-                const double through = unscattered ? albedo.z : 0;
-                if (slab + diffuse + through > worst.most)
-                    worst = {slab + diffuse + through, angle, c, slab, diffuse, through};
-            }
+    for (const SlabTable::Row& row : slab.rows)
+        for (int c = 0; c < 3; ++c) {
+            const double once = double(yarn.albedo_r[c]) * row.albedo.x + double(yarn.albedo_t[c]) * row.albedo.y;
+            const double diffuse = double(yarn.diffuse_r[c]) + double(yarn.diffuse_t[c]);
+            if (once + diffuse + row.albedo.z > worst.most)
+                worst = {once + diffuse + row.albedo.z, row.angle_deg, c, once, diffuse, row.albedo.z};
         }
     return worst;
+}
+
+cloth::f32::ClothYarn shade_yarn(const YarnSpec& spec, glm::vec3 tint, const SlabTable& slab)
+{
+    cloth::f32::ClothYarn yarn{};
+    yarn.albedo_r = spec.albedo * tint;
+    yarn.albedo_t = spec.albedo_transmission.value_or(spec.albedo) * tint;
+    if (spec.diffuse || spec.diffuse_transmission) {
+        yarn.diffuse_r = spec.diffuse.value_or(glm::vec3(0)) * tint;
+        yarn.diffuse_t = spec.diffuse_transmission.value_or(glm::vec3(0)) * tint;
+    } else {
+        const glm::vec2 share = rescattered_share(spec.thickness);
+        const float again = rescattering_probability(spec.thickness);
+        for (int c = 0; c < 3; ++c) {
+            const auto kept = [&](float a) { return a * a * (1 - again) / (1 - a * again); };
+            const float reflected = share.x * kept(yarn.albedo_r[c]), transmitted = share.y * kept(yarn.albedo_t[c]);
+            double room = 1;
+            for (const SlabTable::Row& row : slab.rows)
+                room = std::min(room, 1 - row.albedo.z - double(yarn.albedo_r[c]) * row.albedo.x -
+                                          double(yarn.albedo_t[c]) * row.albedo.y);
+            const float scale = float(std::clamp(room / std::max(double(reflected + transmitted), 1e-9), 0.0, 1.0));
+            yarn.diffuse_r[c] = scale * reflected;
+            yarn.diffuse_t[c] = scale * transmitted;
+        }
+    }
+    yarn.alpha_r = std::clamp(spec.roughness, 0.01f, 1.0f);
+    yarn.alpha_t = std::clamp(spec.roughness_transmission.value_or(spec.roughness), 0.01f, 1.0f);
+    yarn.thickness = spec.thickness;
+    yarn.twist = glm::radians(spec.fibre_twist_deg);
+    yarn.diffuse_mix = spec.diffuse_mix;
+    yarn.reflectance = yarn.diffuse_r + yarn.albedo_r * slab.reflectance;
+    return yarn;
+}
+
+SkySample sample_sky(const f32::ClothMaps& maps, int side, const f32::ClothFootprint& footprint, glm::vec3 o,
+                     const f32::ClothSettings& settings, f32::ClothRandom random)
+{
+    SkySample sample;
+    sample.selection = f32::cloth_select(maps, side, footprint, o, settings, random);
+    if (sample.selection.passes) return sample;
+    const f32::ClothShading shading = f32::cloth_shade_fabric(sample.selection);
+    // Half the directions from the lobes, half from the cosine about n_s on both sides: the lobes leave out directions
+    // behind the ply's horizon, from which interreflection still brings light.
+    const glm::vec2 u_choice = f32::cloth_draw(random, f32::cloth_dim_light);
+    const glm::vec2 u = f32::cloth_draw(random, f32::cloth_dim_direction);
+    glm::vec3 i;
+    if (u_choice.x < 0.5f) {
+        const f32::ClothSample lobe =
+            f32::cloth_shading_sample(shading, o, f32::cloth_draw(random, f32::cloth_dim_lobe), u);
+        if (lobe.pdf <= 0) return sample;
+        i = lobe.wi;
+    } else {
+        i = f32::cloth_cosine_sample({0, 0, 1}, u);
+        if (u_choice.y < 0.5f) i = f32::cloth_mirror(i);
+    }
+    const float pdf = 0.5f * f32::cloth_shading_pdf(shading, i, o) + 0.5f * std::abs(i.z) / (2 * f32::cloth_pi);
+    if (pdf <= 0) return sample;
+    (i.z > 0 ? sample.front : sample.back) = f32::cloth_shading_value(maps, shading, i, o, settings) / pdf;
+    return sample;
+}
+
+ClothAlbedo cloth_albedo(const PackedFabric& fabric, int side, double angle_deg, int samples,
+                         const f32::ClothSettings& settings)
+{
+    constexpr int block = 256; // stratified within; blocks are independent, which gives the error
+    const int blocks = std::max(samples / block, 2);
+    const f32::ClothMaps maps = maps_of(fabric);
+    const float c = float(std::cos(angle_deg / 57.29577951308232)), s = std::sqrt(std::max(1 - c * c, 0.0f));
+    std::vector<ClothAlbedo> means(static_cast<std::size_t>(blocks));
+    tbb::parallel_for(0, blocks, [&](int b) {
+        ClothAlbedo& mean = means[static_cast<std::size_t>(b)];
+        for (int k = 0; k < block; ++k) {
+            const f32::ClothRandom random{f32::cloth_hash(static_cast<glm::uint>(b) + 1), static_cast<glm::uint>(k), 0};
+            const glm::vec2 turn = f32::cloth_draw(random, f32::cloth_dim_pixel);
+            // Its own repeat, so that the twist noise is a new one.
+            const glm::ivec2 base(int(f32::cloth_hash(random.seed + random.index) & 0xffffu), b);
+            const f32::ClothFootprint footprint{{0.5f, 0.5f}, {1, 0}, {0, 1}, base};
+            const float phi = 2 * f32::cloth_pi * turn.x;
+            const SkySample sample =
+                sample_sky(maps, side, footprint, {s * std::cos(phi), s * std::sin(phi), c}, settings, random);
+            const double straight = sample.selection.passes ? 1 : 0;
+            mean.reflectance += glm::dvec3(sample.front) / double(block);
+            mean.transmittance += (glm::dvec3(sample.back) + straight) / double(block);
+            mean.straight += straight / block;
+        }
+    });
+    ClothAlbedo albedo;
+    glm::dvec3 square(0);
+    for (const ClothAlbedo& mean : means) {
+        albedo.reflectance += mean.reflectance / double(blocks);
+        albedo.transmittance += mean.transmittance / double(blocks);
+        albedo.straight += mean.straight / blocks;
+        const glm::dvec3 all = mean.reflectance + mean.transmittance;
+        square += all * all;
+    }
+    const glm::dvec3 all = albedo.reflectance + albedo.transmittance;
+    const glm::dvec3 variance = (square - all * all * double(blocks)) / double(blocks * (blocks - 1));
+    albedo.standard_error = std::sqrt(std::max({variance.x, variance.y, variance.z, 0.0}));
+    return albedo;
 }
 
 } // namespace selvedge

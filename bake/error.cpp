@@ -27,6 +27,13 @@ std::string format_text(const char* format, ...)
     return text;
 }
 
+std::string printable(const std::string& text)
+{
+    std::string out;
+    for (const char c : text.substr(0, 60)) out += c >= ' ' && c < 127 ? c : '?';
+    return text.size() > 60 ? out + "..." : out;
+}
+
 InputError::InputError(const std::string& file, int line, const char* format, ...)
 {
     std::va_list arguments;

@@ -12,6 +12,9 @@ namespace selvedge
 [[gnu::format(printf, 1, 0)]] std::string format_text_list(const char* format, std::va_list arguments);
 [[gnu::format(printf, 1, 2)]] std::string format_text(const char* format, ...);
 
+// What people wrote, for messages: at most 60 characters, "?" for what is not printable ASCII.
+std::string printable(const std::string& text);
+
 // Bad input or failed I/O: printed as `program: file:line: found, expected`, exit status 1.
 //   file   the path as the person wrote it; empty where there is none
 //   line   1-based; 0 where the error has no line (a missing file, an image)

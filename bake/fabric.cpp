@@ -7,8 +7,12 @@
 #include <map>
 #include <set>
 
+#include "chart.hpp"
+#include "energy.hpp"
 #include "error.hpp"
+#include "knitout.hpp"
 #include "params.hpp"
+#include "weaves.hpp"
 #include "wif.hpp"
 
 namespace selvedge
@@ -69,17 +73,18 @@ void parse_yarn(const JsonValue& value, YarnSpec& yarn)
     yarn.diffuse = optional_colour(value, "diffuse");
     yarn.diffuse_transmission = optional_colour(value, "diffuse_transmission");
 
-    // Energy: a sufficient bound, math.md 4.2.
-    const glm::vec3 none(0);
-    const glm::vec3 total = glm::max(yarn.albedo, yarn.albedo_transmission.value_or(yarn.albedo)) +
-                            yarn.diffuse.value_or(none) + yarn.diffuse_transmission.value_or(none);
+    // What the fabric leaves open keeps energy by itself (shade_yarn).
+    if (!yarn.diffuse && !yarn.diffuse_transmission) return;
+    const SlabTable slab = slab_table(yarn);
+    const YarnEnergy energy = most_sent_out(shade_yarn(yarn, glm::vec3(1), slab), slab);
+    constexpr double rounding = 1e-3; // of the quadrature
     const char* channels[] = {"red", "green", "blue"};
-    for (int c = 0; c < 3; ++c)
-        if ((yarn.diffuse || yarn.diffuse_transmission) && total[c] > 1.0001f)
-            value[value.has("diffuse") ? "diffuse" : "diffuse_transmission"].fail(
-                "albedo + diffuse + diffuse_transmission is %.3g in %s, expected at most 1 (without diffuse it follows "
-                "from the albedo)",
-                static_cast<double>(total[c]), channels[c]);
+    if (energy.most > 1 + rounding)
+        value[value.has("diffuse") ? "diffuse" : "diffuse_transmission"].fail(
+            "the yarn sends out %.3g of the %s light that it receives, seen at %.0f degrees: %.3g diffuse, %.3g "
+            "scattered "
+            "once by the fibres, %.3g between them; expected at most 1 (without diffuse it follows from the albedo)",
+            energy.most, channels[energy.channel], energy.angle_deg, energy.diffuse, energy.slab, energy.unscattered);
 }
 
 std::string stem(const std::string& path)
@@ -92,6 +97,53 @@ void take_draft(Fabric& fabric, Draft draft)
     fabric.draft = std::move(draft);
     for (const std::string& warning : fabric.draft.warnings)
         fabric.warnings.push_back(std::filesystem::path(fabric.pattern).filename().string() + ": " + warning);
+}
+
+// A knit's pattern, loops and yarn. What is not stated follows from the yarn's width d: wales 4 d and courses 3.364 d
+// apart, Peirce's compact loop.
+void parse_knit(const JsonValue& value, Fabric& fabric)
+{
+    for (const char* key : {"pattern", "warp", "weft"})
+        if (value.has(key)) value[key].fail("stands beside \"knit\", expected one of both: a knit has a \"yarn\"");
+    const JsonValue knit = value["knit"];
+    if (knit.is_text()) {
+        fabric.pattern = knit.text();
+        fabric.knit = builtin_knit(fabric.pattern, value.path(), knit.line());
+    } else {
+        knit.expect_object({"chart", "knitout"});
+        if (knit.raw().size() != 1) knit.fail("%zu keys, expected one of chart, knitout", knit.raw().size());
+        const bool is_chart = knit.has("chart");
+        fabric.pattern = knit[is_chart ? "chart" : "knitout"].file();
+        fabric.knit = is_chart ? read_chart(fabric.pattern) : read_knitout(fabric.pattern);
+        for (const std::string& warning : fabric.knit->warnings)
+            fabric.warnings.push_back(std::filesystem::path(fabric.pattern).filename().string() + ": " + warning);
+    }
+    YarnSpec& yarn = fabric.weft;
+    yarn.aspect = 0.85f;
+    const bool given = value.has("yarn");
+    if (given) {
+        for (const char* key : {"spacing", "crimp"})
+            if (value["yarn"].has(key))
+                value["yarn"][key].fail("a woven yarn's, expected wale_spacing and course_spacing beside \"yarn\"");
+        parse_yarn(value["yarn"], yarn);
+    }
+    const bool has_width = given && value["yarn"].has("width"), has_wale = value.has("wale_spacing"),
+               has_course = value.has("course_spacing");
+    fabric.wale_spacing_m = has_wale ? float(value["wale_spacing"].number(4e-5, 0.1)) : 0;
+    fabric.course_spacing_m = has_course ? float(value["course_spacing"].number(4e-5, 0.1)) : 0;
+    if (!has_width) {
+        if (has_wale || has_course)
+            yarn.width_m =
+                std::clamp(has_wale ? fabric.wale_spacing_m / 4 : fabric.course_spacing_m / 3.364f, 1e-5f, 0.05f);
+        else
+            yarn.width_m = 0.0003f;
+    }
+    if (!has_wale) fabric.wale_spacing_m = 4 * yarn.width_m;
+    if (!has_course) fabric.course_spacing_m = 3.364f * yarn.width_m;
+    if (value.has("loop_length")) {
+        const double shortest = 1.2 * double(fabric.wale_spacing_m + fabric.course_spacing_m);
+        fabric.loop_length_m = float(value["loop_length"].number(shortest, 8 * shortest));
+    }
 }
 
 glm::ivec3 srgb8(glm::vec3 linear)
@@ -110,7 +162,7 @@ glm::ivec3 srgb8(glm::vec3 linear)
 Fabric parse_fabric(const JsonValue& value)
 {
     value.expect_object({"$schema", "name", "pattern", "resolution", "use_draft_colours", "warp", "weft", "visibility",
-                         "irregularity", "comment"});
+                         "irregularity", "comment", "knit", "yarn", "wale_spacing", "course_spacing", "loop_length"});
     Fabric fabric;
     fabric.path = value.path();
     fabric.name = value.text("name", stem(value.path()));
@@ -127,14 +179,32 @@ Fabric parse_fabric(const JsonValue& value)
         fabric.visibility =
             parse_visibility(value["visibility"].choice({"horizon8", "horizon16", "cap", "asg", "asg-lsq", "exact"}));
 
+    if (value.has("knit")) {
+        parse_knit(value, fabric);
+        return fabric;
+    }
+    for (const char* key : {"yarn", "wale_spacing", "course_spacing", "loop_length"})
+        if (value.has(key)) value[key].fail("a knit's, expected \"knit\" beside it");
     const JsonValue pattern = value["pattern"];
     if (pattern.is_text()) {
         fabric.pattern = pattern.text();
         take_draft(fabric, builtin_weave(fabric.pattern, value.path(), pattern.line()));
     } else {
-        pattern.expect_object({"wif"});
-        fabric.pattern = pattern["wif"].file();
-        take_draft(fabric, read_wif(fabric.pattern));
+        pattern.expect_object({"wif", "text", "rows"});
+        if (pattern.raw().size() != 1) pattern.fail("%zu keys, expected one of wif, text, rows", pattern.raw().size());
+        if (pattern.has("rows")) {
+            if (!pattern["rows"].is_array()) pattern["rows"].fail("no list, expected rows such as \"x.\", \".x\"");
+            std::vector<WeaveRow> rows;
+            for (const JsonValue& row : pattern["rows"].elements()) rows.push_back({row.text(), row.line()});
+            fabric.pattern = "rows";
+            take_draft(fabric, weave_from_rows(rows, value.path()));
+        } else if (pattern.has("text")) {
+            fabric.pattern = pattern["text"].file();
+            take_draft(fabric, read_weave_text(fabric.pattern));
+        } else {
+            fabric.pattern = pattern["wif"].file();
+            take_draft(fabric, read_wif(fabric.pattern));
+        }
     }
     for (const bool is_warp : {true, false}) {
         const char* key = is_warp ? "warp" : "weft";
@@ -152,12 +222,20 @@ Fabric load_fabric(const std::string& path, const Overrides& overrides)
     std::string extension = std::filesystem::path(path).extension().string();
     std::transform(extension.begin(), extension.end(), extension.begin(),
                    [](unsigned char c) { return static_cast<char>(std::tolower(c)); });
-    if (extension != ".wif") return parse_fabric(JsonValue::read(path, overrides));
+    const char* knit_key = extension == ".k" || extension == ".knitout"                          ? "knitout"
+                           : extension == ".png" || extension == ".csv" || extension == ".chart" ? "chart"
+                                                                                                 : nullptr;
+    if (!knit_key && extension != ".wif" && extension != ".txt") return parse_fabric(JsonValue::read(path, overrides));
 
-    // A bare draft is the fabric that says nothing but its pattern.
+    // A bare draft or chart is the fabric that says nothing but its pattern.
     const std::string name = std::filesystem::path(path).filename().string();
+    if (knit_key) {
+        const nlohmann::json bare = {{"name", stem(path)}, {"knit", {{knit_key, name}}}, {"yarn", {{"albedo", 0.9}}}};
+        return parse_fabric(
+            JsonValue::parse(bare.dump(-1, ' ', false, nlohmann::json::error_handler_t::replace), path, overrides));
+    }
     const nlohmann::json bare = {{"name", stem(path)},
-                                 {"pattern", {{"wif", name}}},
+                                 {"pattern", {{extension == ".wif" ? "wif" : "text", name}}},
                                  {"use_draft_colours", true},
                                  {"warp", {{"albedo", 0.9}}},
                                  {"weft", {{"albedo", 0.9}}}};
@@ -168,6 +246,16 @@ Fabric load_fabric(const std::string& path, const Overrides& overrides)
 YarnTypes yarn_types(const Fabric& fabric)
 {
     YarnTypes out;
+    if (fabric.knit) {
+        for (const glm::vec3 tint : fabric.knit->colours) {
+            const glm::ivec3 bits = srgb8(tint);
+            out.types.push_back({false, tint,
+                                 format_text("yarn #%02x%02x%02x", static_cast<unsigned>(bits.x),
+                                             static_cast<unsigned>(bits.y), static_cast<unsigned>(bits.z))});
+        }
+        if (out.types.empty()) out.types = {{false, glm::vec3(1), "yarn"}};
+        return out;
+    }
     const Draft& draft = fabric.draft;
     if (!fabric.use_draft_colours || draft.colours.empty()) {
         out.types = {{true, glm::vec3(1), "warp"}, {false, glm::vec3(1), "weft"}};

@@ -9,6 +9,7 @@
 
 #include "draft.hpp"
 #include "json.hpp"
+#include "knit.hpp"
 #include "pack.hpp"
 
 namespace selvedge
@@ -38,9 +39,13 @@ struct YarnSpec {
 struct Fabric {
     std::string name;
     std::string path;    // of the JSON or WIF file; empty when made in memory
-    std::string pattern; // "twill 2/2", or the WIF's path
+    std::string pattern; // "twill 2/2", "rows", or the path of the WIF or text
     // Its spacings and thicknesses count as proportions: thread i has spacing_m * draft spacing i / their mean.
     Draft draft;
+    // A knit has no draft and no warp: its yarn is `weft`, which runs along the courses.
+    std::optional<KnitPattern> knit;
+    float wale_spacing_m = 0, course_spacing_m = 0;
+    std::optional<float> loop_length_m; // absent: Peirce's, see knit_yarns.hpp
     YarnSpec warp, weft;
     bool use_draft_colours = false; // tint yarns by the draft's colours: one yarn type for each colour that is used
     float irregularity_deg = 5;     // mean deviation of the fibre twist: N(p) of the paper, 4.1
@@ -50,8 +55,8 @@ struct Fabric {
     std::vector<std::string> warnings;
 };
 
-// A fabric JSON, or a bare draft (name ends in .wif), which takes default yarns with the draft's colours. Spacing and
-// width that the JSON does not state come from the draft, where that states them.
+// A fabric JSON, or a bare draft (name ends in .wif, or .txt for rows of x and dots), which takes default yarns with the
+// draft's colours. Spacing and width that the JSON does not state come from the draft, where that states them.
 //   throws  InputError file:line: key: found, expected
 Fabric load_fabric(const std::string& path, const Overrides& overrides = {});
 // The same from a parsed value (a fabric written inside a scene).
@@ -62,10 +67,10 @@ struct YarnTypes {
     struct Type {
         bool warp;
         glm::vec3 tint;   // multiplies albedo and diffuse
-        std::string name; // "warp", "weft #2f4f9a"
+        std::string name; // "warp", "weft #2f4f9a", "yarn"
     };
     std::vector<Type> types;
-    std::vector<int> end_type, pick_type; // one for each thread of the draft
+    std::vector<int> end_type, pick_type; // one for each thread of the draft; a knit has one type for each strand
     std::string warning;                  // empty if nothing was merged
 };
 YarnTypes yarn_types(const Fabric& fabric);

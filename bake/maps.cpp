@@ -46,9 +46,16 @@ struct Segments {
                 return glm::normalize((tube.points[i + 1].centre_m - tube.points[i].centre_m) * stretch);
             };
             for (std::size_t i = 0; i < count; ++i) {
-                const std::size_t before = i == 0 ? count - 2 : i - 1, after = i + 1 == count ? 0 : i;
+                const glm::vec3 arrives = i > 0 ? direction(i - 1)
+                                          : tube.before_m
+                                              ? glm::normalize((tube.points[0].centre_m - *tube.before_m) * stretch)
+                                              : direction(count - 2);
+                const glm::vec3 leaves = i + 1 < count ? direction(i)
+                                         : tube.after_m
+                                             ? glm::normalize((*tube.after_m - tube.points[i].centre_m) * stretch)
+                                             : direction(0);
                 point.emplace_back(tube.points[i].centre_m * stretch, tube.points[i].radius_m);
-                mitre.push_back(glm::normalize(direction(before) + direction(after)));
+                mitre.push_back(glm::normalize(arrives + leaves));
                 last.push_back(i + 1 == count ? 1 : 0);
                 aspect.push_back(tube.aspect);
                 yarn.push_back(static_cast<std::uint8_t>(tube.yarn));
@@ -167,7 +174,8 @@ void rasterise(const Segments& segments, std::size_t i, float shift_m, glm::vec2
     const glm::vec3 from(segments.point[i]), chord = glm::vec3(segments.point[i + 1]) - from;
     const float length = glm::length(chord);
     const glm::vec3 d = chord / length;
-    const float radius = 0.5f * (segments.point[i].w + segments.point[i + 1].w), aspect = segments.aspect[i];
+    const float radius = 0.5f * (segments.point[i].w + segments.point[i + 1].w), aspect = segments.aspect[i],
+                overlap = 0.02f * radius;
     const glm::vec3 m0 = segments.mitre[i], m1 = segments.mitre[i + 1];
     // Upright: seen as nothing but its neighbours' ends. Folded back on itself: inside the bend of its neighbours.
     if (1 - d.z * d.z < 1e-6f || glm::dot(m0, d) < 0.1f || glm::dot(m1, d) < 0.1f) return;
@@ -180,11 +188,12 @@ void rasterise(const Segments& segments, std::size_t i, float shift_m, glm::vec2
             const std::size_t cell = band.at(wrapped(column, band.columns), row);
             for (int side = 0; side < 2; ++side) {
                 float z = (side == 0 ? straight.h + straight.root : straight.h - straight.root) / straight.a;
-                // Between the planes: not before the first, before the second.
+                // Between the planes: not before the first, before the second; with a little overlap, for where radii
+                // change the cylinders do not quite meet.
                 const float past = qx * m0.x + qy * m0.y + z * m0.z;
                 const float left = (chord.x - qx) * m1.x + (chord.y - qy) * m1.y + (chord.z - z) * m1.z;
-                if (past < 0 || left <= 0) continue;
-                const float t = past / (past + left), u = 1 - t;
+                if (past < -overlap || left < -overlap) continue;
+                const float t = std::clamp(past / std::max(past + left, 1e-20f), 0.0f, 1.0f), u = 1 - t;
                 const glm::vec3 way = glm::normalize(u * m0 + t * m1);
                 const glm::vec3 centre = t * t * (3 - 2 * t) * chord + length * t * u * (u * m0 - t * m1);
                 const CylinderHit smooth = hit_cylinder(qx - centre.x, qy - centre.y, way, radius);
@@ -357,9 +366,9 @@ std::vector<float> binomial_blur(const std::vector<float>& f, glm::ivec2 size)
 }
 
 // Yarns end in walls, and slopes are stored up to slope_limit: light and eye would miss the walls' area (E[A_p] of
-// math.md 6.2 falls to .88 at 60 deg). So the field itself is made no steeper: each wall becomes a ramp about its
-// middle, the mean of the steepest fields above and below it. Gaps stay at 0, so ramps to them lie on the yarn.
-void limit_slopes(FabricMaps& maps, SideMaps& side)
+// math.md 6.2 falls to .88 at 60 deg). So the field itself is made no steeper: each wall becomes a ramp, between
+// the steepest fields above and below it (PlyModel::wall_share). Gaps stay at 0, so ramps to them lie on the yarn.
+void limit_slopes(FabricMaps& maps, SideMaps& side, float wall_share, float gap_fall)
 {
     const glm::vec2 texel_m = maps.tile_m / glm::vec2(maps.size);
     std::vector<float> above = side.height_m, below = side.height_m, reach(above.size());
@@ -369,9 +378,9 @@ void limit_slopes(FabricMaps& maps, SideMaps& side)
     }
     tbb::parallel_invoke([&] { spread_cones(above, maps.size, texel_m, slope_limit); },
                          [&] { spread_cones(below, maps.size, texel_m, slope_limit); },
-                         [&] { spread_cones(reach, maps.size, texel_m, slope_limit); });
+                         [&] { spread_cones(reach, maps.size, texel_m, gap_fall); });
     const std::vector<float> before = side.height_m;
-    for (std::size_t i = 0; i < above.size(); ++i) above[i] = 0.5f * (above[i] - below[i]);
+    for (std::size_t i = 0; i < above.size(); ++i) above[i] = glm::mix(-below[i], above[i], wall_share);
     // Cones from texels make ragged ramps: smoothed there, and only there.
     below = above;
     std::vector<float> smooth_reach = reach;
@@ -439,7 +448,7 @@ FabricMaps project_plies(const PlyModel& model, glm::ivec2 size, int samples)
     });
     fill_gaps(maps);
     for (SideMaps& side : maps.side) {
-        limit_slopes(maps, side);
+        limit_slopes(maps, side, model.wall_share, slope_limit * model.gap_steepness);
         difference_slopes(maps, side);
     }
     return maps;

@@ -40,6 +40,26 @@ std::size_t PackedFabric::resident_bytes() const
     return bytes;
 }
 
+cloth::f32::ClothMaps maps_of(const PackedFabric& fabric)
+{
+    cloth::f32::ClothMaps maps;
+    maps.size = fabric.size;
+    for (int side = 0; side < 2; ++side) {
+        maps.texels[side] = fabric.side[side].texels.data();
+        maps.horizons[side] = fabric.side[side].horizons.data();
+        maps.mips[side] = fabric.side[side].slope_mips.data();
+        maps.heights[side] = fabric.side[side].heights.data();
+        maps.asg[side] = fabric.side[side].asg.data();
+        maps.height_low[side] = fabric.side[side].height_range_m.x;
+        maps.height_high[side] = fabric.side[side].height_range_m.y;
+    }
+    maps.tile_m = fabric.tile_m;
+    maps.noise_cells = fabric.noise_cells;
+    maps.noise_amplitude = fabric.noise_amplitude;
+    maps.yarns = fabric.yarns.data();
+    return maps;
+}
+
 glm::uint pack_slope(glm::vec2 slope)
 {
     return snorm16(slope.x) | (snorm16(slope.y) << 16);
@@ -102,6 +122,28 @@ std::size_t slope_level_offset(glm::ivec2 size, int level)
         offset += static_cast<std::size_t>(s.x) * static_cast<std::size_t>(s.y);
     }
     return offset;
+}
+
+std::vector<std::uint16_t> height_bounds(const std::vector<std::uint16_t>& heights, glm::ivec2 size)
+{
+    constexpr int cell = cloth::f32::cloth_bound_cell;
+    const glm::ivec2 cells = (size + cell - 1) / cell;
+    // One texel more on each side for the bilinear look-up. First along x, then along y.
+    const auto largest = [](const std::uint16_t* values, int stride, int count, int at) {
+        std::uint16_t most = 0;
+        for (int k = at - cell - 1; k <= at + 2 * cell; ++k)
+            most = std::max(most, values[((k % count + count) % count) * stride]);
+        return most;
+    };
+    std::vector<std::uint16_t> along_x(std::size_t(cells.x) * std::size_t(size.y)),
+        bounds(std::size_t(cells.x) * std::size_t(cells.y));
+    for (int y = 0; y < size.y; ++y)
+        for (int x = 0; x < cells.x; ++x)
+            along_x[std::size_t(y * cells.x + x)] = largest(&heights[std::size_t(y * size.x)], 1, size.x, x * cell);
+    for (int y = 0; y < cells.y; ++y)
+        for (int x = 0; x < cells.x; ++x)
+            bounds[std::size_t(y * cells.x + x)] = largest(&along_x[std::size_t(x)], cells.x, size.y, y * cell);
+    return bounds;
 }
 
 } // namespace selvedge

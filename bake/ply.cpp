@@ -1,4 +1,4 @@
-// bake/ply.cpp: woven repeats to plies.
+// bake/ply.cpp: woven repeats to yarns, yarns to plies.
 #include "ply.hpp"
 
 #include <algorithm>
@@ -14,8 +14,7 @@ namespace
 {
 
 constexpr float pi = 3.14159265358979f;
-constexpr int fewest_threads = 4;            // small repeats are repeated: room for a turn of the plies
-constexpr float fewest_texels_for_plies = 6; // across a yarn
+constexpr int fewest_threads = 4;        // small repeats are repeated: room for a turn of the plies
 constexpr float ply_compression = 1.12f; // plies in contact flatten: radius over that of round plies that just touch
 
 // Lengths of threads: the artist's mean times the draft's proportions.
@@ -74,29 +73,13 @@ glm::vec2 ply_radii(int plies)
     return {radius, 1 - radius};
 }
 
-// Steps of 1/plies turn over `length_m` so that the ply leans by about `twist_deg`: the tile closes with equal plies.
-int turn_steps(const YarnSpec& yarn, int plies, float width_m, float length_m)
-{
-    const float helix_m = ply_radii(plies).y * width_m / 2;
-    if (plies == 1 || yarn.ply_twist_deg == 0) return 0;
-    const float turns = length_m * std::tan(yarn.ply_twist_deg * pi / 180) / (2 * pi * helix_m);
-    const int steps = static_cast<int>(std::lround(turns * static_cast<float>(plies)));
-    return steps != 0 ? steps : turns > 0 ? 1 : -1;
-}
-
-float twist_of_steps(int steps, int plies, float width_m, float length_m)
-{
-    const float turns = static_cast<float>(steps) / static_cast<float>(plies);
-    return std::atan(turns * 2 * pi * ply_radii(plies).y * width_m / 2 / length_m) * 180 / pi;
-}
-
 // The wave of one yarn's axis: heights at the crossings and a cosine between them.
 struct Axis {
     std::vector<float> at_m, height_m; // positions of the crossings, rising; heights there
     float period_m = 0;
 
-    // height and slope at s, any s
-    glm::vec2 operator()(float s) const
+    // height at s, any s
+    float operator()(float s) const
     {
         const std::size_t count = at_m.size();
         const float wrapped = s - period_m * std::floor((s - at_m[0]) / period_m);
@@ -105,7 +88,7 @@ struct Axis {
         const float span = (j > i ? at_m[j] : at_m[0] + period_m) - at_m[i];
         const float t = std::clamp((wrapped - at_m[i]) / span, 0.0f, 1.0f);
         const float rise = height_m[j] - height_m[i];
-        return {height_m[i] + rise * (1 - std::cos(pi * t)) / 2, rise * pi * std::sin(pi * t) / (2 * span)};
+        return height_m[i] + rise * (1 - std::cos(pi * t)) / 2;
     }
 };
 
@@ -121,7 +104,99 @@ std::vector<float> positions(const std::vector<float>& spacing_m)
     return out;
 }
 
+// Unit directions along a closed line of distinct points (the last one is the first, `period` further).
+std::vector<glm::vec3> directions(const std::vector<glm::vec3>& line)
+{
+    const std::size_t count = line.size() - 1;
+    const glm::vec3 period = line[count] - line[0];
+    std::vector<glm::vec3> out;
+    out.reserve(count);
+    for (std::size_t i = 0; i < count; ++i) {
+        const glm::vec3 before = i ? line[i - 1] : line[count - 1] - period;
+        out.push_back(glm::normalize(line[i + 1] - before));
+    }
+    return out;
+}
+
 } // namespace
+
+int ply_turn_steps(int plies, float twist_deg, float width_m, float length_m)
+{
+    const float helix_m = ply_radii(plies).y * width_m / 2;
+    if (plies == 1 || twist_deg == 0) return 0;
+    const float turns = length_m * std::tan(twist_deg * pi / 180) / (2 * pi * helix_m);
+    const int steps = static_cast<int>(std::lround(turns * static_cast<float>(plies)));
+    return steps != 0 ? steps : turns > 0 ? 1 : -1;
+}
+
+float ply_twist_of_steps(int steps, int plies, float width_m, float length_m)
+{
+    const float turns = static_cast<float>(steps) / static_cast<float>(plies);
+    return std::atan(turns * 2 * pi * ply_radii(plies).y * width_m / 2 / length_m) * 180 / pi;
+}
+
+PlyModel wind_plies(glm::vec2 tile_m, const std::vector<YarnPath>& yarns)
+{
+    PlyModel model;
+    model.tile_m = tile_m;
+    std::vector<glm::vec3> line, right;
+    for (const YarnPath& yarn : yarns) {
+        const std::size_t count = yarn.points.size() - 1;
+        PlyTube tube;
+        tube.aspect = yarn.aspect;
+        tube.yarn = yarn.yarn;
+        tube.warp = yarn.warp;
+        if (yarn.plies == 1) {
+            for (const YarnPath::Point& point : yarn.points)
+                tube.points.push_back({point.centre_m, point.half_width_m});
+            model.tubes.push_back(std::move(tube));
+            continue;
+        }
+        const glm::vec3 stretch(1, 1, 1 / yarn.aspect);
+        line.clear();
+        for (const YarnPath::Point& point : yarn.points) line.push_back(point.centre_m * stretch);
+        const std::vector<glm::vec3> way = directions(line);
+
+        // The frame: level at the start, then carried along.
+        const auto carried = [](glm::vec3 vector, glm::vec3 along) {
+            return glm::normalize(vector - along * glm::dot(vector, along));
+        };
+        glm::vec3 level(way[0].y, -way[0].x, 0);
+        if (glm::dot(level, level) < 1e-6f) level = {1, 0, 0};
+        right.assign(1, carried(level, way[0]));
+        for (std::size_t i = 1; i < count; ++i) right.push_back(carried(right.back(), way[i]));
+        const glm::vec3 closing = carried(right.back(), way[0]);
+        const float turned = std::atan2(glm::dot(glm::cross(right[0], closing), way[0]), glm::dot(right[0], closing));
+
+        const glm::vec2 radii = ply_radii(yarn.plies);
+        const float plies = static_cast<float>(yarn.plies);
+        const auto point = [&](int ply, std::size_t i) {
+            const float share = static_cast<float>(i) / static_cast<float>(count);
+            // Z twist: the near plies rise to the right of the yarn's way, seen with the way up.
+            const float turn = (yarn.phase + static_cast<float>(ply) - static_cast<float>(yarn.turns) * share) / plies;
+            const float angle = 2 * pi * (turn - std::floor(turn)) + turned * share;
+            const glm::vec3 up = glm::cross(right[i], way[i]);
+            const float half_width = yarn.points[i].half_width_m;
+            return PlyPoint{(line[i] + half_width * radii.y * (std::cos(angle) * right[i] + std::sin(angle) * up)) /
+                                stretch,
+                            half_width * radii.x};
+        };
+        const glm::vec3 period = yarn.points.back().centre_m - yarn.points.front().centre_m;
+        for (int ply = 0; ply < yarn.plies; ++ply) {
+            tube.points.clear();
+            tube.points.reserve(count + 1);
+            for (std::size_t i = 0; i < count; ++i) tube.points.push_back(point(ply, i));
+            const int turns = yarn.turns % yarn.plies;
+            const int next = (ply - turns + yarn.plies) % yarn.plies, last = (ply + turns + yarn.plies) % yarn.plies;
+            const PlyPoint end = point(next, 0);
+            tube.points.push_back({end.centre_m + period, end.radius_m});
+            tube.before_m = point(last, count - 1).centre_m - period;
+            tube.after_m = point(next, 1).centre_m + period;
+            model.tubes.push_back(tube);
+        }
+    }
+    return model;
+}
 
 WovenPlan plan_woven(const Fabric& fabric, int resolution)
 {
@@ -200,8 +275,8 @@ WovenPlan plan_woven(const Fabric& fabric, int resolution)
                                                 system, static_cast<double>(mean_m / texel_m), plies));
             plies = 1;
         }
-        steps = turn_steps(yarn, plies, mean_m, length_m);
-        const float got = twist_of_steps(steps, plies, mean_m, length_m);
+        steps = ply_turn_steps(plies, yarn.ply_twist_deg, mean_m, length_m);
+        const float got = ply_twist_of_steps(steps, plies, mean_m, length_m);
         if (plies > 1 && std::abs(got - yarn.ply_twist_deg) > 4)
             plan.warnings.push_back(format_text("%s ply twist %.3g deg drawn as %.3g, so that the tile closes", system,
                                                 static_cast<double>(yarn.ply_twist_deg), static_cast<double>(got)));
@@ -211,10 +286,9 @@ WovenPlan plan_woven(const Fabric& fabric, int resolution)
     return plan;
 }
 
-PlyModel weave_plies(const Fabric& fabric, const WovenPlan& plan)
+std::vector<YarnPath> weave_yarns(const Fabric& fabric, const WovenPlan& plan)
 {
-    PlyModel model;
-    model.tile_m = plan.tile_m;
+    std::vector<YarnPath> yarns;
     const std::vector<float> end_at = positions(plan.end_spacing_m), pick_at = positions(plan.pick_spacing_m);
     const float texel_m =
         std::max(plan.tile_m.x / static_cast<float>(plan.size.x), plan.tile_m.y / static_cast<float>(plan.size.y));
@@ -252,39 +326,26 @@ PlyModel weave_plies(const Fabric& fabric, const WovenPlan& plan)
         if (steps != 0)
             step_m = std::min(step_m, length * static_cast<float>(plies) / static_cast<float>(std::abs(steps)) / 32);
         const int count = static_cast<int>(std::ceil(length / std::max(step_m, 0.75f * texel_m)));
-        const glm::vec2 radii = ply_radii(plies) * half_width;
+        YarnPath path;
+        path.aspect = yarn.aspect;
+        path.warp = warp;
+        path.yarn = (warp ? plan.end_type : plan.pick_type)[index];
+        path.plies = plies;
+        path.turns = steps;
         // Neighbouring yarns must not turn in step; the golden ratio spreads their phases.
-        const float phase = 0.6180339887f * static_cast<float>(index + (warp ? 1 : 0));
-
-        for (int ply = 0; ply < plies; ++ply) {
-            PlyTube tube;
-            tube.aspect = yarn.aspect;
-            tube.warp = warp;
-            tube.yarn = (warp ? plan.end_type : plan.pick_type)[index];
-            tube.points.reserve(static_cast<std::size_t>(count) + 1);
-            for (int k = 0; k <= count; ++k) {
-                const float share_of_length = static_cast<float>(k % count) / static_cast<float>(count);
-                const float s = share_of_length * length, lap = k == count ? length : 0;
-                const glm::vec2 wave = axis(s);
-                // Z twist: the near plies rise to the right of the yarn's way, seen with the way up.
-                const float turn = (phase + static_cast<float>(ply) - static_cast<float>(steps) * share_of_length) /
-                                   static_cast<float>(plies);
-                const float angle = 2 * pi * (turn - std::floor(turn));
-                // In the space where the section is round: along the yarn, across it to the right, up.
-                const float slope = wave.y / yarn.aspect, norm = 1 / std::sqrt(1 + slope * slope);
-                const float up = radii.y * std::sin(angle), right = radii.y * std::cos(angle);
-                const float along = s + lap - slope * norm * up;
-                const float height = wave.x + yarn.aspect * norm * up;
-                tube.points.push_back(
-                    {warp ? glm::vec3(across + right, along, height) : glm::vec3(along, across - right, height),
-                     radii.x});
-            }
-            model.tubes.push_back(std::move(tube));
+        path.phase = 0.6180339887f * static_cast<float>(index + (warp ? 1 : 0));
+        path.points.reserve(static_cast<std::size_t>(count) + 1);
+        for (int k = 0; k <= count; ++k) {
+            const float s = static_cast<float>(k % count) / static_cast<float>(count) * length;
+            const float along = k == count ? length : s, height = axis(s);
+            path.points.push_back(
+                {warp ? glm::vec3(across, along, height) : glm::vec3(along, across, height), half_width});
         }
+        yarns.push_back(std::move(path));
     };
     for (std::size_t e = 0; e < end_at.size(); ++e) thread(true, e);
     for (std::size_t p = 0; p < pick_at.size(); ++p) thread(false, p);
-    return model;
+    return yarns;
 }
 
 } // namespace selvedge

@@ -16,7 +16,8 @@ namespace selvedge
 namespace
 {
 
-constexpr std::size_t file_limit = std::size_t(16) << 20;
+constexpr std::size_t file_limit = std::size_t(48) << 20; // bytes: room for the largest draft as format_wif writes it
+constexpr int entry_limit = 1 << 19; // sections and key=value lines; the largest draft has a quarter
 constexpr int shaft_limit = 10000;
 constexpr int colour_limit = 1 << 16;
 constexpr int surplus_threads = 100; // declared and not used: so many are not part of the cloth
@@ -28,6 +29,7 @@ struct Entry {
 
 struct Section {
     int line = 0;
+    bool again = false;                    // it occurs twice, and that has been said
     std::map<std::string, Entry> words;    // "threads" -> ...
     std::map<std::int64_t, Entry> numbers; // 1 -> ...
 };
@@ -43,14 +45,6 @@ std::string lower(std::string text)
     for (char& c : text)
         if (c >= 'A' && c <= 'Z') c = static_cast<char>(c - 'A' + 'a');
     return text;
-}
-
-// At most 60 printable characters, for messages.
-std::string shown(const std::string& text)
-{
-    std::string out;
-    for (const char c : text.substr(0, 60)) out += c >= ' ' && c < 127 ? c : '?';
-    return text.size() > 60 ? out + "..." : out;
 }
 
 template <class Number> bool read_number(const std::string& text, Number& value)
@@ -81,6 +75,27 @@ float srgb_from_linear(float v)
     return v <= 0.0031308f ? v * 12.92f : 1.055f * std::pow(v, 1 / 2.4f) - 0.055f;
 }
 
+// A colour value as a whole number from 0 to `top`.
+int step_of(float linear, int top)
+{
+    return static_cast<int>(std::lround(srgb_from_linear(linear) * static_cast<float>(top)));
+}
+
+// The smallest usual range whose steps are these colours.
+int range_for(const std::vector<glm::vec3>& colours)
+{
+    for (const int top : {255, 999}) {
+        bool exact = true;
+        for (const glm::vec3 colour : colours)
+            for (int c = 0; c < 3; ++c) {
+                const float value = static_cast<float>(step_of(colour[c], top)) / static_cast<float>(top);
+                exact = exact && std::abs(linear_from_srgb(value) - colour[c]) <= 1e-6f;
+            }
+        if (exact) return top;
+    }
+    return 65535;
+}
+
 class WifReader
 {
   public:
@@ -90,6 +105,9 @@ class WifReader
     {
         if (sections_.empty()) throw InputError(name_, 0, "no [SECTION] in the file, expected a WIF draft");
         if (!sections_.count("wif")) warn("no [WIF] section");
+        const Entry* version = word("wif", "version");
+        if (version && version->value.rfind("1.", 0) != 0)
+            warn("Version=%s: read as 1.1", printable(version->value).c_str());
         if (const Entry* title = word("text", "title")) draft_.title = title->value;
         refuse_truncated();
         read_header_numbers();
@@ -101,6 +119,9 @@ class WifReader
 
         draft_.ends.resize(thread_count("warp", "threading", threading));
         draft_.picks.resize(thread_count("weft", by_liftplan ? "liftplan" : "treadling", picks));
+        if (draft_.ends.size() * draft_.picks.size() > std::size_t(crossing_limit))
+            throw InputError(name_, picks.line, "%zu ends x %zu picks, expected at most %d crossings",
+                             draft_.ends.size(), draft_.picks.size(), crossing_limit);
         interlace(threading, picks, by_liftplan);
         read_colour_table();
         read_threads("warp", draft_.ends);
@@ -118,20 +139,26 @@ class WifReader
         va_end(arguments);
     }
 
-    // To bytes with '\n' line ends: UTF-16 by its mark, NUL bytes as blanks. Other encodings need no care: only titles
-    // hold letters outside ASCII.
+    // To bytes with '\n' line ends: UTF-16 by its mark, or by a NUL in every other byte of the beginning; other NUL
+    // bytes as blanks. Other encodings need no care: only titles hold letters outside ASCII.
     std::string decoded(const std::string& text)
     {
         std::string bytes;
         const auto byte = [&](std::size_t i) { return static_cast<unsigned char>(text[i]); };
-        const bool little = text.size() >= 2 && byte(0) == 0xFF && byte(1) == 0xFE;
-        const bool big = text.size() >= 2 && byte(0) == 0xFE && byte(1) == 0xFF;
+        const auto all_zero = [&](std::size_t first) {
+            for (std::size_t i = first; i < 16; i += 2)
+                if (byte(i) != 0 || byte(i ^ 1) == 0) return false;
+            return true;
+        };
+        const bool mark = text.size() >= 2 && byte(0) + byte(1) == 0xFF + 0xFE && byte(0) >= 0xFE;
+        const bool little = mark ? byte(0) == 0xFF : text.size() >= 16 && all_zero(1);
+        const bool big = mark ? byte(0) == 0xFE : text.size() >= 16 && all_zero(0);
         if (little || big) {
-            for (std::size_t i = 2; i + 1 < text.size(); i += 2) {
+            for (std::size_t i = mark ? 2 : 0; i + 1 < text.size(); i += 2) {
                 const unsigned low = byte(i + (little ? 0 : 1)), high = byte(i + (little ? 1 : 0));
                 bytes += high == 0 && low < 128 ? static_cast<char>(low) : '?';
             }
-            warn("UTF-16 text");
+            warn(mark ? "UTF-16 text" : "UTF-16 text without its mark");
         } else {
             bytes = text.rfind("\xEF\xBB\xBF", 0) == 0 ? text.substr(3) : text;
         }
@@ -154,7 +181,11 @@ class WifReader
     {
         Section* current = nullptr;
         bool is_private = false;
-        int line = 0, loose = 0, first_loose = 0;
+        int line = 0, loose = 0, first_loose = 0, entries = 0;
+        const auto count_entry = [&] {
+            if (++entries > entry_limit)
+                throw InputError(name_, line, "more than %d sections and key=value lines, expected fewer", entry_limit);
+        };
         for (std::size_t from = 0; from < text.size();) {
             const std::size_t end = std::min(text.find('\n', from), text.size());
             const std::string content = trimmed(text.substr(from, end - from));
@@ -168,20 +199,23 @@ class WifReader
                     if (cut_)
                         throw InputError(name_, line,
                                          "file ends inside the section name \"%s\", expected the rest: truncated",
-                                         shown(content).c_str());
+                                         printable(content).c_str());
                     ++loose, first_loose = first_loose ? first_loose : line;
                     continue;
                 }
                 const std::string section_name = lower(trimmed(content.substr(1, close - 1)));
+                count_entry();
                 const bool again = sections_.count(section_name) > 0;
                 current = &sections_[section_name];
                 last_section_ = section_name;
                 is_private = section_name.rfind("private", 0) == 0 || section_name == "notes" || section_name == "text";
-                if (again && !is_private)
+                if (again && !is_private && !current->again) {
+                    current->again = true;
                     warn("line %d: section [%s] again (first on line %d); later entries win", line,
-                         shown(section_name).c_str(), current->line);
-                else if (!again)
+                         printable(section_name).c_str(), current->line);
+                } else if (!again) {
                     current->line = line;
+                }
                 continue;
             }
             const auto equals = content.find('=');
@@ -194,6 +228,7 @@ class WifReader
             std::string value = trimmed(content.substr(equals + 1));
             if (const auto comment = value.find(" ;"); comment != std::string::npos && !is_private)
                 value = trimmed(value.substr(0, comment));
+            count_entry();
             std::int64_t number = 0;
             if (read_number(key, number))
                 current->numbers[number] = {value, line};
@@ -270,7 +305,7 @@ class WifReader
         if (cut_ || stops_short)
             throw InputError(name_, last_line_,
                              "file ends inside [%s], without %s that [CONTENTS] announces: truncated",
-                             shown(last_section_).c_str(), missing.c_str());
+                             printable(last_section_).c_str(), missing.c_str());
         warn("[CONTENTS] announces %s: not in the file", missing.c_str());
     }
 
@@ -281,7 +316,7 @@ class WifReader
             std::int64_t value = 0;
             if (entry && (!read_number(entry->value, value) || value < 0))
                 throw InputError(name_, entry->line, "%s=%s, expected a whole number", key,
-                                 shown(entry->value).c_str());
+                                 printable(entry->value).c_str());
             if (entry && std::string(key) == "shafts") declared_shafts_ = value;
         }
         const Entry* shed = word("weaving", "rising shed");
@@ -312,14 +347,13 @@ class WifReader
         std::int64_t count = 0;
         if (declared && (!read_number(declared->value, count) || count < 0))
             throw InputError(name_, declared->line, "[%s] Threads=%s, expected a whole number", system,
-                             shown(declared->value).c_str());
+                             printable(declared->value).c_str());
         const int line = declared ? declared->line : entries.numbers.rbegin()->second.line;
         if (count == 0) {
             count = listed;
             warn("[%s] gives no number of threads: took %lld from [%s]", system, static_cast<long long>(count),
                  entries_name);
-        } else if (listed > 0 && listed <= count / 2 && count - listed >= surplus_threads &&
-                   count <= wif_thread_limit) {
+        } else if (listed > 0 && listed <= count / 2 && count - listed >= surplus_threads && count <= thread_limit) {
             // Some programs declare their maximum (WeavePoint: 1200). A few threads on no shaft may be meant.
             warn("[%s] declares %lld threads and [%s] ends at %lld: the rest is left out", system,
                  static_cast<long long>(count), entries_name, static_cast<long long>(listed));
@@ -328,9 +362,9 @@ class WifReader
             warn("[%s] lists thread %lld of %lld: the rest is ignored", entries_name, static_cast<long long>(listed),
                  static_cast<long long>(count));
         }
-        if (count < 1 || count > wif_thread_limit)
+        if (count < 1 || count > thread_limit)
             throw InputError(name_, line, "%lld threads in [%s], expected 1 to %d", static_cast<long long>(count),
-                             system, wif_thread_limit);
+                             system, thread_limit);
         return static_cast<std::size_t>(count);
     }
 
@@ -343,10 +377,11 @@ class WifReader
             std::int64_t value = 0;
             if (!read_number(part, value) || value < 0 || value > shaft_limit)
                 throw InputError(name_, entry.line, "%s \"%s\", expected whole numbers from 0 to %d", what,
-                                 shown(part).c_str(), shaft_limit);
-            if (value > 0 && std::find(list.begin(), list.end(), static_cast<int>(value)) == list.end())
-                list.push_back(static_cast<int>(value));
+                                 printable(part).c_str(), shaft_limit);
+            if (value > 0) list.push_back(static_cast<int>(value));
         }
+        std::sort(list.begin(), list.end());
+        list.erase(std::unique(list.begin(), list.end()), list.end());
         return list;
     }
 
@@ -364,34 +399,54 @@ class WifReader
         return out;
     }
 
+    // Shafts as bits: a pick's are the union of its treadles', and a list may be as long as the file.
+    using ShaftSet = std::vector<std::uint64_t>;
+
+    static ShaftSet shaft_set(const std::vector<int>& shafts, int highest)
+    {
+        ShaftSet set(static_cast<std::size_t>(highest) / 64 + 1);
+        for (const int shaft : shafts)
+            if (shaft <= highest) set[static_cast<std::size_t>(shaft) / 64] |= std::uint64_t(1) << (shaft % 64);
+        return set;
+    }
+
+    // Which shafts move on each pick, handed to `each`(pick, set).
+    template <class Each> void shafts_of_picks(const Section& picks, bool by_liftplan, int highest, Each&& each)
+    {
+        const auto named = lists(picks, by_liftplan ? "shaft" : "treadle", draft_.picks.size());
+        std::vector<ShaftSet> tied;
+        if (!by_liftplan)
+            for (const auto& shafts : lists(*section("tieup"), "shaft", 0)) tied.push_back(shaft_set(shafts, highest));
+        std::size_t untied = 0;
+        for (std::size_t p = 0; p < named.size(); ++p) {
+            if (by_liftplan) {
+                each(p, shaft_set(named[p], highest));
+                continue;
+            }
+            ShaftSet moved = shaft_set({}, highest);
+            for (const int treadle : named[p]) {
+                if (static_cast<std::size_t>(treadle) > tied.size()) {
+                    ++untied;
+                    continue;
+                }
+                const ShaftSet& more = tied[static_cast<std::size_t>(treadle - 1)];
+                for (std::size_t i = 0; i < moved.size(); ++i) moved[i] |= more[i];
+            }
+            each(p, moved);
+        }
+        if (untied > 0) warn("%zu treadles in [TREADLING] that [TIEUP] does not tie: they move nothing", untied);
+    }
+
     void interlace(const Section& threading, const Section& picks, bool by_liftplan)
     {
         const auto shafts = lists(threading, "shaft", draft_.ends.size());
-        auto raised = lists(picks, by_liftplan ? "shaft" : "treadle", draft_.picks.size());
         const bool sinking = !rising_ && !by_liftplan;
         if (!rising_ && by_liftplan) warn("Rising Shed=no: [LIFTPLAN] still names the shafts that are lifted");
-        if (!by_liftplan) {
-            const auto tieup = lists(*section("tieup"), "shaft", 0);
-            std::size_t untied = 0;
-            for (auto& pick : raised) {
-                std::vector<int> union_of;
-                for (const int treadle : pick) {
-                    if (static_cast<std::size_t>(treadle) > tieup.size()) {
-                        ++untied;
-                        continue;
-                    }
-                    const auto& tied = tieup[static_cast<std::size_t>(treadle - 1)];
-                    union_of.insert(union_of.end(), tied.begin(), tied.end());
-                }
-                pick = std::move(union_of);
-            }
-            if (untied > 0) warn("%zu treadles in [TREADLING] that [TIEUP] does not tie: they move nothing", untied);
-        }
 
         int highest = 0, unthreaded = 0;
         for (const auto& end : shafts) {
             unthreaded += end.empty() ? 1 : 0;
-            for (const int shaft : end) highest = std::max(highest, shaft);
+            if (!end.empty()) highest = std::max(highest, end.back());
         }
         if (declared_shafts_ > 0 && highest > declared_shafts_)
             warn("[THREADING] names shaft %d of %lld: taken as it stands", highest,
@@ -399,18 +454,22 @@ class WifReader
         if (unthreaded > 0) warn("%d ends on no shaft: the weft lies over them everywhere", unthreaded);
 
         const std::size_t ends = draft_.ends.size();
+        std::vector<ShaftSet> sets(ends); // of ends on several shafts
+        for (std::size_t e = 0; e < ends; ++e)
+            if (shafts[e].size() > 1) sets[e] = shaft_set(shafts[e], highest);
         draft_.warp_up.assign(ends * draft_.picks.size(), 0);
-        std::vector<char> moved(static_cast<std::size_t>(highest) + 1, 0);
-        for (std::size_t p = 0; p < draft_.picks.size(); ++p) {
-            std::fill(moved.begin(), moved.end(), 0);
-            for (const int shaft : raised[p])
-                if (shaft <= highest) moved[static_cast<std::size_t>(shaft)] = 1;
+        shafts_of_picks(picks, by_liftplan, highest, [&](std::size_t p, const ShaftSet& moved) {
             for (std::size_t e = 0; e < ends; ++e) {
-                bool any = false;
-                for (const int shaft : shafts[e]) any = any || moved[static_cast<std::size_t>(shaft)];
-                draft_.warp_up[p * ends + e] = any != sinking && !shafts[e].empty() ? 1 : 0;
+                if (shafts[e].empty()) continue;
+                std::uint64_t any = 0;
+                if (sets[e].empty()) {
+                    any = moved[static_cast<std::size_t>(shafts[e][0]) / 64] >> (shafts[e][0] % 64) & 1;
+                } else {
+                    for (std::size_t i = 0; i < moved.size(); ++i) any |= moved[i] & sets[e][i];
+                }
+                draft_.warp_up[p * ends + e] = (any != 0) != sinking ? 1 : 0;
             }
-        }
+        });
     }
 
     void read_colour_table()
@@ -427,9 +486,12 @@ class WifReader
             warn("no colour Range: taken as 0,255");
         else if (parts.size() < 2 || !read_number(parts[0], low) || !read_number(parts[1], high) || !(high > low) ||
                  !std::isfinite(high - low)) {
-            warn("line %d: colour Range=%s: taken as 0,255", range->line, shown(range->value).c_str());
+            warn("line %d: colour Range=%s: taken as 0,255", range->line, printable(range->value).c_str());
             low = 0, high = 255;
         }
+        const Entry* form = word("color palette", "form");
+        if (form && lower(form->value) != "rgb")
+            warn("line %d: colour Form=%s: read as RGB", form->line, printable(form->value).c_str());
         int outside = 0, first_outside = 0;
         for (const auto& [number, entry] : table->numbers) {
             if (number < 1 || number > colour_limit) continue;
@@ -439,7 +501,7 @@ class WifReader
                 double value = 0;
                 if (c >= values.size() || !read_number(values[c], value) || !std::isfinite(value))
                     throw InputError(name_, entry.line, "colour \"%s\", expected three numbers",
-                                     shown(entry.value).c_str());
+                                     printable(entry.value).c_str());
                 if (value < low || value > high) ++outside, first_outside = first_outside ? first_outside : entry.line;
                 const float unit = static_cast<float>(std::clamp((value - low) / (high - low), 0.0, 1.0));
                 colour[static_cast<int>(c)] = linear_from_srgb(unit);
@@ -463,7 +525,7 @@ class WifReader
             !has_colour_[static_cast<std::size_t>(value - 1)]) {
             ++bad_colours_;
             if (first_bad_colour_.empty())
-                first_bad_colour_ = "line " + std::to_string(entry.line) + ": " + shown(entry.value);
+                first_bad_colour_ = "line " + std::to_string(entry.line) + ": " + printable(entry.value);
             return -1;
         }
         return static_cast<int>(value - 1);
@@ -477,7 +539,7 @@ class WifReader
         if (unit.rfind("deci", 0) == 0) return 0.0254 / 720;
         if (unit.rfind("centim", 0) == 0 || unit == "cm") return 0.01;
         warn("[%s] %s: lengths taken as centimetres", system.c_str(),
-             entry ? ("Units=" + shown(entry->value)).c_str() : "gives no Units");
+             entry ? ("Units=" + printable(entry->value)).c_str() : "gives no Units");
         return 0.01;
     }
 
@@ -489,7 +551,7 @@ class WifReader
         if (!read_number(entry->value, value) || !(value * unit_m >= 1e-6 && value * unit_m <= 0.1)) {
             ++bad_lengths_;
             if (first_bad_length_.empty())
-                first_bad_length_ = "line " + std::to_string(entry->line) + ": " + shown(entry->value);
+                first_bad_length_ = "line " + std::to_string(entry->line) + ": " + printable(entry->value);
             return 0;
         }
         return static_cast<float>(value * unit_m);
@@ -586,17 +648,37 @@ std::string format_wif(const Draft& draft, const std::string& version)
             if (column[p]) lifts[p].push_back(place->second);
     }
     const bool colours = !draft.colours.empty();
+    const std::vector<DraftThread>* systems[] = {&draft.ends, &draft.picks};
+    const char* names[] = {"WARP", "WEFT"};
+    struct {
+        const char* section;
+        const char* word;
+        float DraftThread::*member;
+    } const lengths[] = {{"SPACING", "Spacing", &DraftThread::spacing_m},
+                         {"THICKNESS", "Thickness", &DraftThread::thickness_m}};
+    // A length that all threads share is said once.
+    const auto is_one = [](const std::vector<DraftThread>& threads, float DraftThread::*member) {
+        return std::all_of(threads.begin(), threads.end(),
+                           [&](const DraftThread& thread) { return thread.*member == threads[0].*member; });
+    };
+    const auto centimetres = [](float metres) { return format_text("%.6g", static_cast<double>(metres) * 100); };
 
     std::string out = "[WIF]\nVersion=1.1\nDate=April 20, 1997\nDevelopers=wif@mhsoft.com\nSource Program=selvedge\n";
     out += "Source Version=" + version +
            "\n\n[CONTENTS]\nTEXT=true\nWEAVING=true\nWARP=true\nWEFT=true\nTHREADING=true\n"
            "LIFTPLAN=true\n";
     if (colours) out += "COLOR PALETTE=true\nCOLOR TABLE=true\nWARP COLORS=true\nWEFT COLORS=true\n";
-    out += "WARP SPACING=true\nWEFT SPACING=true\nWARP THICKNESS=true\nWEFT THICKNESS=true\n";
-    out += "\n[TEXT]\nTitle=" + shown(draft.title) + "\n";
+    for (std::size_t s = 0; s < 2; ++s)
+        for (const auto& length : lengths)
+            if (!is_one(*systems[s], length.member)) out += format_text("%s %s=true\n", names[s], length.section);
+    out += "\n[TEXT]\nTitle=" + printable(draft.title) + "\n";
     out += format_text("\n[WEAVING]\nShafts=%zu\nTreadles=0\nRising Shed=true\n", shaft_of.size());
-    out += format_text("\n[WARP]\nThreads=%zu\nUnits=centimeters\n\n[WEFT]\nThreads=%zu\nUnits=centimeters\n", ends,
-                       picks);
+    for (std::size_t s = 0; s < 2; ++s) {
+        out += format_text("\n[%s]\nThreads=%zu\nUnits=centimeters\n", names[s], systems[s]->size());
+        for (const auto& length : lengths)
+            if (is_one(*systems[s], length.member) && systems[s]->front().*length.member > 0)
+                out += format_text("%s=%s\n", length.word, centimetres(systems[s]->front().*length.member).c_str());
+    }
 
     out += "\n[THREADING]\n";
     for (std::size_t e = 0; e < ends; ++e) out += format_text("%zu=%d\n", e + 1, threading[e]);
@@ -608,32 +690,29 @@ std::string format_wif(const Draft& draft, const std::string& version)
         out += lifts[p].empty() ? "0\n" : "\n";
     }
     if (colours) {
-        out += format_text("\n[COLOR PALETTE]\nEntries=%zu\nForm=RGB\nRange=0,255\n\n[COLOR TABLE]\n",
-                           draft.colours.size());
+        const int top = range_for(draft.colours);
+        out += format_text("\n[COLOR PALETTE]\nEntries=%zu\nForm=RGB\nRange=0,%d\n\n[COLOR TABLE]\n",
+                           draft.colours.size(), top);
         for (std::size_t i = 0; i < draft.colours.size(); ++i) {
             const glm::vec3 c = draft.colours[i];
-            out +=
-                format_text("%zu=%ld,%ld,%ld\n", i + 1, std::lround(srgb_from_linear(c.x) * 255.0f),
-                            std::lround(srgb_from_linear(c.y) * 255.0f), std::lround(srgb_from_linear(c.z) * 255.0f));
+            out += format_text("%zu=%d,%d,%d\n", i + 1, step_of(c.x, top), step_of(c.y, top), step_of(c.z, top));
         }
     }
-    const auto write_threads = [&](const char* system, const std::vector<DraftThread>& threads) {
+    for (std::size_t s = 0; s < 2; ++s) {
+        const std::vector<DraftThread>& threads = *systems[s];
         if (colours) {
-            out += format_text("\n[%s COLORS]\n", system);
+            out += format_text("\n[%s COLORS]\n", names[s]);
             for (std::size_t t = 0; t < threads.size(); ++t)
                 if (threads[t].colour >= 0) out += format_text("%zu=%d\n", t + 1, threads[t].colour + 1);
         }
-        const auto lengths = [&](const char* what, float DraftThread::*member) {
-            out += format_text("\n[%s %s]\n", system, what);
+        for (const auto& length : lengths) {
+            if (is_one(threads, length.member)) continue;
+            out += format_text("\n[%s %s]\n", names[s], length.section);
             for (std::size_t t = 0; t < threads.size(); ++t)
-                if (threads[t].*member > 0)
-                    out += format_text("%zu=%.6g\n", t + 1, static_cast<double>(threads[t].*member) * 100);
-        };
-        lengths("SPACING", &DraftThread::spacing_m);
-        lengths("THICKNESS", &DraftThread::thickness_m);
-    };
-    write_threads("WARP", draft.ends);
-    write_threads("WEFT", draft.picks);
+                if (threads[t].*length.member > 0)
+                    out += format_text("%zu=%s\n", t + 1, centimetres(threads[t].*length.member).c_str());
+        }
+    }
     return out;
 }
 

@@ -179,8 +179,9 @@ CLOTH_FN real3 cloth_point_value(ClothPoint p, ClothYarn yarn, real3 i, real3 o,
     real3 diffuse  = reflected ? yarn.diffuse_r : yarn.diffuse_t;
     real c_i       = max(dot(n_side, i_side), real(0));
     // K / c_o of the slab: f c_i. With macroscopic cosines f is that of the flat slab and only c_i stays local.
-    real k_i = slab == cloth_slab_macro ? i_side.z : c_i;
-    real k_o = slab == cloth_slab_macro ? o.z : c_o;
+    // Both are divided by: below the floor of the optical depths the quotients would grow without bound.
+    real k_i = max(slab == cloth_slab_macro ? i_side.z : c_i, cloth_cosine_min);
+    real k_o = max(slab == cloth_slab_macro ? o.z : c_o, cloth_cosine_min);
     real f_i = real(0);
     if (c_i > real(0)) {
         real d       = cloth_sggx_d_half(i, o, p.tangent, alpha);
@@ -204,7 +205,7 @@ CLOTH_FN real cloth_unscattered(ClothPoint p, ClothYarn yarn, real3 o)
 //   rho  reflectance of the yarn, [0, 1];  openness  I_p, (0, 1]
 CLOTH_FN real3 cloth_interreflection(real3 rho, real openness)
 {
-    real3 kept = real3(real(1)) - rho * (real(1) - openness);
+    real3 kept = (real3(real(1)) - rho) + rho * openness;   // 1 - rho (1 - openness) without cancelling
     return rho * rho * (openness * (real(1) - openness)) / max(kept, real3(real(1e-4)));
 }
 

@@ -33,26 +33,29 @@ CLOTH_FN ClothShading cloth_shade_fabric(ClothSelection selection)
 }
 
 // Effective BSDF times cosine, visibility of wi included.
-CLOTH_FN real3 cloth_shading_value(ClothShading shading, real3 wi, real3 wo, ClothSettings settings)
+//   maps  of the fabric that the shading was chosen from; anything where it is matte
+CLOTH_FN real3 cloth_shading_value(CLOTH_IN(ClothMaps) maps, CLOTH_IN(ClothShading) shading, real3 wi, real3 wo, ClothSettings settings)
 {
     if (shading.matte) return shading.albedo * (max(wi.z, real(0)) / cloth_pi);
-    ClothSelection s = shading.selection;
-    real v = wi.z > real(0) ? cloth_visibility_of(s.front, wi, settings) : cloth_visibility_of(s.back, cloth_mirror(wi), settings);
+    bool reflected = wi.z > real(0);
+    int side       = shading.selection.side;
+    real v = cloth_visibility_at(maps, reflected ? side : 1 - side, shading.selection.xy, reflected ? wi : cloth_mirror(wi), settings);
     real3 value = real3(real(0));
-    if (v > real(0)) value = cloth_point_value(s.texel.point, s.yarn, wi, wo, settings.slab) * v;
+    if (v > real(0))
+        value = cloth_point_value(shading.selection.texel.point, shading.selection.yarn, wi, wo, settings.slab) * v;
     // Light that reached the point by way of other yarns has no horizon of its own: openness has counted it.
-    if (settings.interreflection && settings.bsdf == cloth_bsdf_meso && wi.z > real(0))
-        value += cloth_interreflection(s.yarn.reflectance, s.texel.openness_f) * (wi.z / cloth_pi);
-    return value * s.weight;
+    if (settings.interreflection && settings.bsdf == cloth_bsdf_meso && reflected)
+        value += cloth_interreflection(shading.selection.yarn.reflectance, shading.selection.texel.openness_f) * (wi.z / cloth_pi);
+    return value * shading.selection.weight;
 }
 
-CLOTH_FN real cloth_shading_pdf(ClothShading shading, real3 wi, real3 wo)
+CLOTH_FN real cloth_shading_pdf(CLOTH_IN(ClothShading) shading, real3 wi, real3 wo)
 {
     if (shading.matte) return max(wi.z, real(0)) / cloth_pi;
     return cloth_point_pdf(shading.selection.texel.point, shading.selection.yarn, wi, wo);
 }
 
-CLOTH_FN ClothSample cloth_shading_sample(ClothShading shading, real3 wo, real2 u_lobe, real2 u)
+CLOTH_FN ClothSample cloth_shading_sample(CLOTH_IN(ClothShading) shading, real3 wo, real2 u_lobe, real2 u)
 {
     if (shading.matte) {
         real3 wi = cloth_cosine_sample(real3(real(0), real(0), real(1)), u);
@@ -67,7 +70,7 @@ struct ClothLightChoice {
     real u;
 };
 
-CLOTH_FN ClothLightChoice cloth_choose_light(ClothLights lights, real u)
+CLOTH_FN ClothLightChoice cloth_choose_light(CLOTH_IN(ClothLights) lights, real u)
 {
     ClothLight light = cloth_fetch_light(lights, 0);
     real below = real(0);
@@ -80,8 +83,9 @@ CLOTH_FN ClothLightChoice cloth_choose_light(ClothLights lights, real u)
 
 // One sample of direct light: one light, one strategy (light or BSDF sampling, one-sample MIS with the balance heuristic,
 // Veach 1997, 9.2.4), at most one shadow ray. lights.count may be 0.
-CLOTH_FN ClothDirect cloth_direct(ClothLights lights, ClothSurface surface, ClothShading shading, ClothSettings settings,
-                                  ClothRandom random)
+//   maps  of the fabric that the shading was chosen from; anything where it is matte
+CLOTH_FN ClothDirect cloth_direct(CLOTH_IN(ClothLights) lights, CLOTH_IN(ClothMaps) maps, CLOTH_IN(ClothSurface) surface,
+                                  CLOTH_IN(ClothShading) shading, ClothSettings settings, ClothRandom random)
 {
     ClothDirect none = ClothDirect(false, surface.normal_g, cloth_far, real3(real(0)));
     if (lights.count == 0) return none;
@@ -103,7 +107,7 @@ CLOTH_FN ClothDirect cloth_direct(ClothLights lights, ClothSurface surface, Clot
     real3 wi = cloth_to_local(surface.frame, seen.wi);
     // Shading and geometric normal must agree on the side that the light is on [math.md 10, hazard 23].
     if (wi.z * dot(seen.wi, surface.normal_g) <= real(0)) return none;
-    real3 value = cloth_shading_value(shading, wi, surface.wo, settings) * seen.radiance;
+    real3 value = cloth_shading_value(maps, shading, wi, surface.wo, settings) * seen.radiance;
     if (max(value.x, max(value.y, value.z)) <= real(0)) return none;
     real pdf = seen.pdf;
     if (both) pdf = real(0.5) * (seen.pdf + cloth_shading_pdf(shading, wi, surface.wo));
@@ -111,7 +115,7 @@ CLOTH_FN ClothDirect cloth_direct(ClothLights lights, ClothSurface surface, Clot
 }
 
 // Radiance of the environment behind everything, 0 where there is none or it is hidden from the camera.
-CLOTH_FN real3 cloth_background(ClothLights lights, real3 direction)
+CLOTH_FN real3 cloth_background(CLOTH_IN(ClothLights) lights, real3 direction)
 {
     if (lights.count == 0 || lights.environment_size.x == 0) return real3(real(0));
     ClothLight light = cloth_fetch_light(lights, 0);   // the environment, where there is one, is light 0

@@ -1,11 +1,16 @@
 // The one door through which shared code reads memory: arrays in C++, buffers and textures in GLSL. Imports cloth_types.h.
 //   cloth_fetch_texel      side 0 front, 1 back; xy in [0, size)
 //   cloth_fetch_horizon    xy in [0, size / 2)
-//   cloth_fetch_height     xy in [0, size); metres above the mid-plane on that side
+//   cloth_fetch_height     xy in [0, size); 16 bits, 0 at height_low, 65535 at height_high
+//   cloth_fetch_height_bound  cell of cloth_bound_cell^2 texels: no height that near it is above, 16 bits likewise
 //   cloth_fetch_asg        two records of four numbers a texel: (mu.xyz, gamma), (sigma_x, sigma_y, amplitude, 0)
 //   cloth_fetch_slope_mip  index into the concatenated mip levels 1, 2, ...
 //   cloth_fetch_environment  rgb radiance, w density over UV (mean 1)
 //   cloth_fetch_alias      x threshold as a 32-bit fraction, y the other texel (alias method, Walker 1977)
+
+// Side of a cell of the table of height bounds that follows the heights [texels].
+CLOTH_CONST int cloth_bound_cell = 8;
+
 #ifdef __cplusplus
 
 struct ClothMaps {
@@ -13,7 +18,7 @@ struct ClothMaps {
     const glm::uvec2* texels[2]   = {nullptr, nullptr};
     const glm::uvec2* horizons[2] = {nullptr, nullptr};
     const glm::uint* mips[2]      = {nullptr, nullptr};
-    const std::uint16_t* heights[2] = {nullptr, nullptr};
+    const std::uint16_t* heights[2] = {nullptr, nullptr};   // then the bounds of the cells
     const real4* asg[2]           = {nullptr, nullptr};   // only where the visibility is of that kind
     const ClothYarn* yarns        = nullptr;
     real2 tile_m = real2(1, 1);             // size of the repeat [m]
@@ -43,10 +48,14 @@ inline uint cloth_fetch_slope_mip(const ClothMaps& maps, int side, int index)
 {
     return maps.mips[side][index];
 }
-inline real cloth_fetch_height(const ClothMaps& maps, int side, ivec2 xy)
+inline uint cloth_fetch_height(const ClothMaps& maps, int side, ivec2 xy)
 {
-    real low = maps.height_low[side], high = maps.height_high[side];
-    return low + (high - low) * (real(maps.heights[side][xy.y * maps.size.x + xy.x]) / real(65535));
+    return maps.heights[side][xy.y * maps.size.x + xy.x];
+}
+inline uint cloth_fetch_height_bound(const ClothMaps& maps, int side, ivec2 cell)
+{
+    int row = (maps.size.x + cloth_bound_cell - 1) / cloth_bound_cell;
+    return maps.heights[side][maps.size.x * maps.size.y + cell.y * row + cell.x];
 }
 inline real4 cloth_fetch_asg(const ClothMaps& maps, int side, ivec2 xy, int record)
 {
@@ -112,11 +121,14 @@ uint cloth_fetch_slope_mip(ClothMaps maps, int side, int index)
 {
     return texelFetch(slope_words, (side == 0 ? maps.mips.x : maps.mips.y) + index).x;
 }
-float cloth_fetch_height(ClothMaps maps, int side, ivec2 xy)
+uint cloth_fetch_height(ClothMaps maps, int side, ivec2 xy)
 {
-    uint word = texelFetch(height_words, (side == 0 ? maps.heights.x : maps.heights.y) + xy.y * maps.size.x + xy.x).x;
-    float low = side == 0 ? maps.height_low.x : maps.height_low.y, high = side == 0 ? maps.height_high.x : maps.height_high.y;
-    return low + (high - low) * (float(word) / 65535.0);
+    return texelFetch(height_words, (side == 0 ? maps.heights.x : maps.heights.y) + xy.y * maps.size.x + xy.x).x;
+}
+uint cloth_fetch_height_bound(ClothMaps maps, int side, ivec2 cell)
+{
+    int row = (maps.size.x + cloth_bound_cell - 1) / cloth_bound_cell;
+    return texelFetch(height_words, (side == 0 ? maps.heights.x : maps.heights.y) + maps.size.x * maps.size.y + cell.y * row + cell.x).x;
 }
 vec4 cloth_fetch_asg(ClothMaps maps, int side, ivec2 xy, int record)
 {

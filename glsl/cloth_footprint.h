@@ -25,10 +25,10 @@ struct ClothSettings {
 // Candidates of the resampling: bias 1.1 % at four [6.4.2]; stratified here, which only lowers it.
 CLOTH_CONST int cloth_candidates = 4;
 CLOTH_CONST real cloth_area_min  = real(0.02);   // floor of A_G in the paper's form [6.2]
-// The march of the view ray: its longest step in texels, so that no ply (10 texels and more) is stepped over, and the most
-// steps; longer ways get longer steps.
-CLOTH_CONST real cloth_march_step = real(3);
-CLOTH_CONST int cloth_march_steps = 48;
+// The march of the view ray: its step near the surface in texels, so that no ply (10 texels and more) is stepped over; four
+// of them where a bound says that nothing is near; and the most steps, longer ways get longer ones.
+CLOTH_CONST real cloth_march_step = real(cloth_bound_cell) / real(4);
+CLOTH_CONST int cloth_march_steps = 96;
 
 // Where a ray meets the cloth, in tiles of the fabric: centre and extent of one pixel step.
 struct ClothFootprint {
@@ -38,20 +38,14 @@ struct ClothFootprint {
     ivec2 base;     // whole repeats
 };
 
-struct ClothOcclusion {
-    ClothHorizon horizon;
-    real4 asg_axis;
-    real4 asg_shape;
-};
-
 // A chosen point. `weight` multiplies cloth_point_value.
 struct ClothSelection {
     bool passes;            // the ray goes straight through; nothing else is meaningful then
     real weight;
     ClothTexel texel;
     ClothYarn yarn;
-    ClothOcclusion front;   // of the viewer's side
-    ClothOcclusion back;
+    int side;               // the viewer's
+    ivec2 xy;               // texel
 };
 
 CLOTH_FN bool cloth_uses_visibility(ClothSettings settings)
@@ -59,29 +53,17 @@ CLOTH_FN bool cloth_uses_visibility(ClothSettings settings)
     return settings.bsdf == cloth_bsdf_meso && settings.visibility != cloth_visibility_none;
 }
 
-CLOTH_FN ClothOcclusion cloth_occlusion(ClothMaps maps, int side, ivec2 xy, ClothSettings settings)
-{
-    ClothOcclusion occlusion;
-    if (!cloth_uses_visibility(settings)) return occlusion;
-    if (settings.visibility == cloth_visibility_asg) {
-        occlusion.asg_axis  = cloth_fetch_asg(maps, side, xy, 0);
-        occlusion.asg_shape = cloth_fetch_asg(maps, side, xy, 1);
-    } else {
-        occlusion.horizon = cloth_horizon(maps, side, xy);
-    }
-    return occlusion;
-}
-
-// V of a direction in the frame of the occlusion's side.
-CLOTH_FN real cloth_visibility_of(ClothOcclusion occlusion, real3 d, ClothSettings settings)
+// V of a direction at texel xy, in the frame of `side`.
+CLOTH_FN real cloth_visibility_at(CLOTH_IN(ClothMaps) maps, int side, ivec2 xy, real3 d, ClothSettings settings)
 {
     if (!cloth_uses_visibility(settings)) return d.z > real(0) ? real(1) : real(0);
-    if (settings.visibility == cloth_visibility_asg) return cloth_asg_visibility(occlusion.asg_axis, occlusion.asg_shape, d);
-    return cloth_horizon_visibility(occlusion.horizon, d);
+    if (settings.visibility == cloth_visibility_asg)
+        return cloth_asg_visibility(cloth_fetch_asg(maps, side, xy, 0), cloth_fetch_asg(maps, side, xy, 1), d);
+    return cloth_horizon_visibility(cloth_horizon(maps, side, xy), d);
 }
 
 // A_G of the paper: projected area of the footprint from the mean slopes of the mip level that matches it [6.2, 7].
-CLOTH_FN real cloth_area_from_mips(ClothMaps maps, int side, ClothFootprint footprint, real3 o)
+CLOTH_FN real cloth_area_from_mips(CLOTH_IN(ClothMaps) maps, int side, ClothFootprint footprint, real3 o)
 {
     real area  = abs(footprint.dx.x * footprint.dy.y - footprint.dx.y * footprint.dy.x) * real(maps.size.x) * real(maps.size.y);
     int level  = int(clamp(floor(real(0.5) * log2(max(area, real(1))) + real(0.5)), real(0), real(31)));
@@ -89,38 +71,47 @@ CLOTH_FN real cloth_area_from_mips(ClothMaps maps, int side, ClothFootprint foot
     return max(o.z - dot(mean, real2(o.x, o.y)), cloth_area_min);
 }
 
-// First point of the height field that the view ray through `tile` on the mid-plane meets, in tiles [6.4.1].
+// First point of the height field that the view ray through `tile` on the mid-plane meets, in tiles [6.4.1]. The field is one
+// of flat texels: the caller moves `tile` by up to half a texel each way, which makes it bilinear in the mean.
 //   u  in [0, 1) shifts the steps, so that what a step can miss averages out
-CLOTH_FN real2 cloth_march(ClothMaps maps, int side, real2 tile, real3 o, real u)
+CLOTH_FN real2 cloth_march(CLOTH_IN(ClothMaps) maps, int side, real2 tile, real3 o, real u)
 {
     real low  = side == 0 ? maps.height_low.x : maps.height_low.y;
     real high = side == 0 ? maps.height_high.x : maps.height_high.y;
-    real2 run = real2(o.x, o.y) / o.z / maps.tile_m;   // tiles per metre of height
-    real2 way = run * (high - low);
-    real texels = max(abs(way.x) * real(maps.size.x), abs(way.y) * real(maps.size.y));
-    int steps   = int(clamp(ceil(texels / cloth_march_step), real(1), real(cloth_march_steps)));
-    real above  = high;   // the last height known to be over the surface
-    real below  = low;
-    for (int k = 0; k < steps; ++k) {
-        real z = high - (high - low) * (real(k) + u) / real(steps);
-        if (cloth_height(maps, side, tile + run * z) >= z) {
+    // Heights z in units of the map, 0 at `low`; the ray is at `start` + `run` z, in texels.
+    real2 size  = real2(maps.size);
+    real2 way   = real2(o.x, o.y) / o.z / maps.tile_m * size;   // texels per metre of height
+    real2 start = (tile - floor(tile)) * size + way * low;
+    real2 run   = way * ((high - low) / cloth_height_top);
+    real texels = max(abs(run.x), abs(run.y)) * cloth_height_top;
+    real step   = cloth_height_top / clamp(ceil(texels / cloth_march_step), real(1), real(cloth_march_steps));
+    real above  = cloth_height_top + step * (real(1) - u);      // known to be over the surface; the first step ends in the relief
+    real below  = real(0);
+    for (int k = 0; k < cloth_march_steps && above > step; ++k) {
+        if (cloth_height_bound(maps, side, start + run * above) < above - real(4) * step) {
+            above = above - real(4) * step;
+            continue;
+        }
+        real z = above - step;
+        if (cloth_height(maps, side, start + run * z) >= z) {
             below = z;
             break;
         }
         above = z;
     }
-    for (int k = 0; k < 5; ++k) {
+    for (int k = 0; k < 3; ++k) {   // to a third of a texel
         real z = real(0.5) * (above + below);
-        if (cloth_height(maps, side, tile + run * z) >= z) below = z;
+        if (cloth_height(maps, side, start + run * z) >= z) below = z;
         else above = z;
     }
-    return tile + run * below;
+    // Half way: of a wall between two texels each gets its half. Below alone, crests would be seen too often (2 % too bright).
+    return (start + run * (real(0.5) * (above + below))) / size;
 }
 
 // Draws the point that the ray sees.
 //   side    0 front, 1 back;  o  local direction to the viewer, o.z > 0
 //   return  passes, or a point whose value times `weight` is an estimate of the effective BSDF with cosine
-CLOTH_FN ClothSelection cloth_select(ClothMaps maps, int side, ClothFootprint footprint, real3 o, ClothSettings settings,
+CLOTH_FN ClothSelection cloth_select(CLOTH_IN(ClothMaps) maps, int side, ClothFootprint footprint, real3 o, ClothSettings settings,
                                      ClothRandom random)
 {
     real2 u_footprint = cloth_draw(random, cloth_dim_footprint);
@@ -137,7 +128,6 @@ CLOTH_FN ClothSelection cloth_select(ClothMaps maps, int side, ClothFootprint fo
     real area      = real(0);   // A_p of the chosen candidate
     real total     = real(0);
     real u         = u_pick.x;
-    ClothOcclusion occlusion;
     // If every candidate is masked the draw is repeated, up to three rounds; then the last one is taken.
     for (int j = 0; j < candidates * 3; ++j) {
         // Additive recurrence R2 (Roberts 2018): every candidate is uniform, together they are spread over the footprint.
@@ -146,25 +136,22 @@ CLOTH_FN ClothSelection cloth_select(ClothMaps maps, int side, ClothFootprint fo
         xi          = xi - floor(xi) - real2(real(0.5));
         real2 tile  = footprint.tile + footprint.dx * xi.x + footprint.dy * xi.y;
         if (relief) {
-            chosen    = cloth_march(maps, side, tile, o, u_pick.x) + half_texel;
-            occlusion = cloth_occlusion(maps, side, cloth_texel_at(maps, chosen), settings);
+            chosen = cloth_march(maps, side, tile + half_texel, o, u_pick.x);
             break;
         }
         tile          = tile + half_texel;
         ivec2 xy      = cloth_texel_at(maps, tile);
         real2 slope   = cloth_decode_slopes(cloth_fetch_texel(maps, side, xy).x);
-        ClothOcclusion here = cloth_occlusion(maps, side, xy, settings);
         real a        = max(o.z - dot(slope, real2(o.x, o.y)), real(0));
-        if (meso && a > real(0)) a *= cloth_visibility_of(here, o, settings);
+        if (meso && a > real(0)) a *= cloth_visibility_at(maps, side, xy, o, settings);
         total += a;
         // Reservoir of one: keep candidate j with probability a / total; u is stretched to be uniform again.
         real keep = total > real(0) ? a / total : real(0);
         bool take = u < keep || j == 0;
         if (a > real(0)) u = u < keep ? u / keep : (u - keep) / max(real(1) - keep, real(1e-6));
         if (take) {
-            chosen    = tile;
-            area      = a;
-            occlusion = here;
+            chosen = tile;
+            area   = a;
         }
         if (j + 1 >= candidates && (total > real(0) || !resample)) break;
     }
@@ -174,8 +161,8 @@ CLOTH_FN ClothSelection cloth_select(ClothMaps maps, int side, ClothFootprint fo
     ivec2 tile    = footprint.base + ivec2(int(floor(chosen.x)), int(floor(chosen.y)));
     result.passes = false;
     result.weight = real(1);
-    result.front  = occlusion;
-    result.back   = cloth_occlusion(maps, 1 - side, xy, settings);
+    result.side   = side;
+    result.xy     = xy;
     result.texel  = cloth_texel(maps, side, xy, settings.twist_noise ? tile : ivec2(0, 0), settings.twist_noise);
     result.yarn   = cloth_fetch_yarn(maps, result.texel.yarn);
     if (meso && settings.weight == cloth_weight_mips) result.weight = area / cloth_area_from_mips(maps, side, footprint, o);
@@ -192,16 +179,22 @@ CLOTH_FN ClothSelection cloth_select(ClothMaps maps, int side, ClothFootprint fo
     real through = real(0);
     if (result.texel.gap) through = real(1);
     else if (settings.unscattered && meso) through = cloth_unscattered(result.texel.point, result.yarn, o);
-    if (through > real(0) && meso) through *= cloth_visibility_of(result.back, real3(-o.x, -o.y, o.z), settings);
-    result.passes = u_pick.y < through * min(result.weight, real(1));
+    through      *= min(result.weight, real(1));
+    result.passes = u_pick.y < through;
+    if (result.passes && meso)
+        result.passes = u_pick.y < through * cloth_visibility_at(maps, 1 - side, xy, real3(-o.x, -o.y, o.z), settings);
     if (result.texel.gap && !result.passes && !relief && !resample && meso) result.weight = real(0);
+    // The slab's albedo leaves out what goes straight through: a yarn that is shaded stands for those draws as well, and one
+    // whose straight way ends at the yarns behind is dark.
+    if (!result.texel.gap && !result.passes)
+        result.weight = u_pick.y < through ? real(0) : result.weight / max(real(1) - through, real(1e-3));
     return result;
 }
 
 // Share of the light travelling along d that crosses the cloth at a point without being scattered. Zero footprint: the mean
 // over the cloth is T_d [5.2], with the light between the fibres of a yarn added where the settings ask for it.
 //   d  local unit direction of travel, either way;  return in [0, inf): mean over the repeat <= 1
-CLOTH_FN real cloth_transmittance(ClothMaps maps, real2 tile, real3 d, ClothSettings settings)
+CLOTH_FN real cloth_transmittance(CLOTH_IN(ClothMaps) maps, real2 tile, real3 d, ClothSettings settings)
 {
     ivec2 xy   = cloth_texel_at(maps, tile);
     bool gap   = cloth_texel_is_gap(cloth_fetch_texel(maps, 0, xy));
@@ -213,9 +206,9 @@ CLOTH_FN real cloth_transmittance(ClothMaps maps, real2 tile, real3 d, ClothSett
         ClothTexel texel = cloth_texel(maps, 0, xy, ivec2(0, 0), false);
         real facing      = dot(texel.point.normal_f, up);
         if (facing <= real(0)) return real(0);
-        share = cloth_unscattered(texel.point, cloth_fetch_yarn(maps, texel.yarn), up) * facing * texel.point.length_f / up.z;
+        share = cloth_unscattered(texel.point, cloth_fetch_yarn(maps, texel.yarn), up) * facing * texel.point.length_f / max(up.z, cloth_cosine_min);
     }
     if (!cloth_uses_visibility(settings)) return share;
-    return share * cloth_visibility_of(cloth_occlusion(maps, 0, xy, settings), up, settings) *
-           cloth_visibility_of(cloth_occlusion(maps, 1, xy, settings), real3(-up.x, -up.y, up.z), settings);
+    return share * cloth_visibility_at(maps, 0, xy, up, settings) *
+           cloth_visibility_at(maps, 1, xy, real3(-up.x, -up.y, up.z), settings);
 }

@@ -54,7 +54,7 @@ CLOTH_FN real2 cloth_environment_uv(real3 d, real rotation)
 }
 
 // Radiance (bilinear, periodic in u) and pdf (of the texel) in direction d; w is the pdf [1/sr].
-CLOTH_FN real4 cloth_environment(ClothLights lights, ClothLight light, real3 d)
+CLOTH_FN real4 cloth_environment(CLOTH_IN(ClothLights) lights, ClothLight light, real3 d)
 {
     ivec2 size  = lights.environment_size;
     real2 uv    = cloth_environment_uv(d, light.shape.x);
@@ -76,7 +76,7 @@ CLOTH_FN real4 cloth_environment(ClothLights lights, ClothLight light, real3 d)
 // ---- the kinds ----------------------------------------------------------------------------------------------------------------
 
 // Samples a light from a point. u on the emitter; bits choose the environment's texel.
-CLOTH_FN ClothLightSample cloth_light_sample(ClothLights lights, ClothLight light, real3 position, real2 u, uvec2 bits)
+CLOTH_FN ClothLightSample cloth_light_sample(CLOTH_IN(ClothLights) lights, ClothLight light, real3 position, real2 u, uvec2 bits)
 {
     if (cloth_light_is(light, cloth_light_environment)) {
         ivec2 size = lights.environment_size;
@@ -110,7 +110,7 @@ CLOTH_FN ClothLightSample cloth_light_sample(ClothLights lights, ClothLight ligh
     real3 wi      = to / distance;
     real cosine   = -dot(wi, light.axis);
     if (cloth_light_is(light, cloth_light_area)) {
-        if (cosine <= real(0)) return cloth_no_light();
+        if (cosine <= real(1e-6)) return cloth_no_light();   // as cloth_light_hit
         real area = real(4) * length(cross(light.edge_u, light.edge_v));
         return ClothLightSample(wi, distance, light.radiance, dist2 / (cosine * area));
     }
@@ -124,7 +124,7 @@ CLOTH_FN ClothLightSample cloth_light_sample(ClothLights lights, ClothLight ligh
 }
 
 // What a ray from `position` along wi finds of a light that has extent: radiance, and the pdf that cloth_light_sample has there.
-CLOTH_FN ClothLightSample cloth_light_hit(ClothLights lights, ClothLight light, real3 position, real3 wi)
+CLOTH_FN ClothLightSample cloth_light_hit(CLOTH_IN(ClothLights) lights, ClothLight light, real3 position, real3 wi)
 {
     if (cloth_light_is(light, cloth_light_environment)) {
         real4 seen = cloth_environment(lights, light, wi);

@@ -19,15 +19,15 @@ CLOTH_FN real2 cloth_decode_slopes(uint word)
     return real2(real(x), real(y)) * (cloth_slope_max / real(32767));
 }
 
-CLOTH_FN int cloth_wrap(int x, int n)   // periodic index, any x; GLSL leaves % of negative numbers undefined
-{
-    return x < 0 ? n - 1 - (-1 - x) % n : x % n;
-}
-
-CLOTH_FN ivec2 cloth_texel_at(ClothMaps maps, real2 tile)   // nearest texel of a position in tiles, any finite position
+CLOTH_FN ivec2 cloth_texel_at(CLOTH_IN(ClothMaps) maps, real2 tile)   // nearest texel of a position in tiles, any finite position
 {
     real2 f = tile - floor(tile);
     return ivec2(min(int(f.x * real(maps.size.x)), maps.size.x - 1), min(int(f.y * real(maps.size.y)), maps.size.y - 1));
+}
+
+CLOTH_FN ivec2 cloth_texel_at_texels(CLOTH_IN(ClothMaps) maps, real2 texel)   // the same of a position in texels
+{
+    return cloth_texel_at(maps, texel / real2(maps.size));   // texel - size * floor(.) would leave the map at 1e9 texels
 }
 
 CLOTH_FN bool cloth_texel_is_gap(uvec2 word)
@@ -37,7 +37,7 @@ CLOTH_FN bool cloth_texel_is_gap(uvec2 word)
 
 // Fibre twist at a texel: that of the yarn, plus the noise N(p) of the place on the cloth [math.md 1].
 //   tile  index of the repeat, any integers
-CLOTH_FN real cloth_twist(ClothMaps maps, real twist, ivec2 xy, ivec2 tile)
+CLOTH_FN real cloth_twist(CLOTH_IN(ClothMaps) maps, real twist, ivec2 xy, ivec2 tile)
 {
     if (maps.noise_amplitude <= real(0)) return twist;
     real2 cells = real2((real(xy.x) + real(0.5)) / real(maps.size.x) * real(maps.noise_cells.x),
@@ -48,7 +48,7 @@ CLOTH_FN real cloth_twist(ClothMaps maps, real twist, ivec2 xy, ivec2 tile)
 }
 
 // Both sides of texel xy of repeat `tile` as seen from `side`: "front" below is the viewer's side.
-CLOTH_FN ClothTexel cloth_texel(ClothMaps maps, int side, ivec2 xy, ivec2 tile, bool noise)
+CLOTH_FN ClothTexel cloth_texel(CLOTH_IN(ClothMaps) maps, int side, ivec2 xy, ivec2 tile, bool noise)
 {
     uvec2 front  = cloth_fetch_texel(maps, side, xy);
     uvec2 back   = cloth_fetch_texel(maps, 1 - side, xy);
@@ -71,35 +71,33 @@ CLOTH_FN ClothTexel cloth_texel(ClothMaps maps, int side, ivec2 xy, ivec2 tile, 
 }
 
 // Horizons around texel xy: bilinear between half-resolution texels.
-CLOTH_FN ClothHorizon cloth_horizon(ClothMaps maps, int side, ivec2 xy)
+CLOTH_FN ClothHorizon cloth_horizon(CLOTH_IN(ClothMaps) maps, int side, ivec2 xy)
 {
     // Half-resolution texel (X, Y) is at full-resolution coordinate 2X + 1/2 between texel centres.
     ivec2 size = ivec2(maps.size.x / 2, maps.size.y / 2);
     real2 h    = real2((real(xy.x) - real(0.5)) * real(0.5), (real(xy.y) - real(0.5)) * real(0.5));
     real2 base = floor(h);
-    int x0 = cloth_wrap(int(base.x), size.x), y0 = cloth_wrap(int(base.y), size.y);
-    int x1 = cloth_wrap(x0 + 1, size.x), y1 = cloth_wrap(y0 + 1, size.y);
+    int x0 = base.x < real(0) ? size.x - 1 : int(base.x), y0 = base.y < real(0) ? size.y - 1 : int(base.y);
+    int x1 = x0 + 1 == size.x ? 0 : x0 + 1, y1 = y0 + 1 == size.y ? 0 : y0 + 1;
     return ClothHorizon(cloth_fetch_horizon(maps, side, ivec2(x0, y0)), cloth_fetch_horizon(maps, side, ivec2(x1, y0)),
                         cloth_fetch_horizon(maps, side, ivec2(x0, y1)), cloth_fetch_horizon(maps, side, ivec2(x1, y1)), h - base);
 }
 
-// Height above the mid-plane [m] at a position in tiles, bilinear and periodic.
-CLOTH_FN real cloth_height(ClothMaps maps, int side, real2 tile)
+// Height at a position in texels, in units of the map: 0 lowest, cloth_height_top highest; periodic, flat within a texel.
+CLOTH_CONST real cloth_height_top = real(65535);
+CLOTH_FN real cloth_height(CLOTH_IN(ClothMaps) maps, int side, real2 texel)
 {
-    real2 f    = tile - floor(tile);
-    real2 c    = real2(f.x * real(maps.size.x) - real(0.5), f.y * real(maps.size.y) - real(0.5));
-    real2 base = floor(c);
-    real2 w    = c - base;
-    int x0 = int(base.x), y0 = int(base.y);
-    int x1 = x0 + 1 >= maps.size.x ? 0 : x0 + 1, y1 = y0 + 1 >= maps.size.y ? 0 : y0 + 1;
-    if (x0 < 0) x0 += maps.size.x;
-    if (y0 < 0) y0 += maps.size.y;
-    return mix(mix(cloth_fetch_height(maps, side, ivec2(x0, y0)), cloth_fetch_height(maps, side, ivec2(x1, y0)), w.x),
-               mix(cloth_fetch_height(maps, side, ivec2(x0, y1)), cloth_fetch_height(maps, side, ivec2(x1, y1)), w.x), w.y);
+    return real(cloth_fetch_height(maps, side, cloth_texel_at_texels(maps, texel)));
+}
+
+// A height that no point within cloth_bound_cell texels of a position is above, in the same units.
+CLOTH_FN real cloth_height_bound(CLOTH_IN(ClothMaps) maps, int side, real2 texel)
+{
+    return real(cloth_fetch_height_bound(maps, side, cloth_texel_at_texels(maps, texel) / cloth_bound_cell));
 }
 
 // Mean slopes (sx, sy) of the 2^level block around a position in tiles; level 0 is the texel, the last level the tile [7].
-CLOTH_FN real2 cloth_mean_slopes(ClothMaps maps, int side, real2 tile, int level)
+CLOTH_FN real2 cloth_mean_slopes(CLOTH_IN(ClothMaps) maps, int side, real2 tile, int level)
 {
     ivec2 size = maps.size;
     if (level <= 0) return cloth_decode_slopes(cloth_fetch_texel(maps, side, cloth_texel_at(maps, tile)).x);

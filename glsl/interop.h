@@ -3,9 +3,11 @@
 #ifdef __cplusplus
 #define CLOTH_FN inline
 #define CLOTH_CONST inline constexpr
+#define CLOTH_IN(type) const type&   // a struct too large to be copied
 #else
 #define CLOTH_FN
 #define CLOTH_CONST const
+#define CLOTH_IN(type) type
 #define real float
 #define real2 vec2
 #define real3 vec3

@@ -12,9 +12,9 @@ layout(location = 0) out vec4 colour;   // radiance, coverage
 // Selections after the first are drawn from those that stop the ray, which is what the first one is known to have done.
 const uint attempts = 8u;
 
-vec3 direct_light(ClothSurface surface, ClothShading shading, ClothRandom random)
+vec3 direct_light(ClothMaps maps, ClothSurface surface, ClothShading shading, ClothRandom random)
 {
-    ClothDirect d = cloth_direct(frame_lights(), surface, shading, frame_settings(), random);
+    ClothDirect d = cloth_direct(frame_lights(), maps, surface, shading, frame_settings(), random);
     if (!d.any) return vec3(0.0);
     vec3 side = surface.normal_g * (dot(d.wi, surface.normal_g) < 0.0 ? -1.0 : 1.0);
     return d.value * transmittance(cloth_leave(surface.position, side), d.wi, d.distance * (1.0 - 1e-4));
@@ -61,7 +61,7 @@ void main()
 #ifdef MATTE
         if (object.matte) shading = cloth_shade_matte(object.albedo);
 #endif
-        sum += direct_light(surface, shading, random);
+        sum += direct_light(object.maps, surface, shading, random);
     }
     // A sample that is not a number counts as 0, as in the reference: it would spoil its pixel for ever.
     bool good = all(greaterThanEqual(sum, vec3(0.0))) && all(lessThan(sum, vec3(1e30)));

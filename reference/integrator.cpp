@@ -115,7 +115,7 @@ bool Renderer::find_vertex(Vertex& vertex, const f32::ClothRay& ray, f32::ClothR
 glm::vec3 Renderer::direct_light(const Vertex& vertex, f32::ClothRandom random, Counters& counters) const
 {
     const f32::ClothDirect light =
-        f32::cloth_direct(lights_, vertex.surface, vertex.shading, scene_.model.settings, random);
+        f32::cloth_direct(lights_, maps_[vertex.object], vertex.surface, vertex.shading, scene_.model.settings, random);
     if (!light.any) {
         ++counters.rays_saved;
         return glm::vec3(0.0f);
@@ -172,8 +172,9 @@ glm::vec3 Renderer::sample(glm::ivec2 pixel, std::uint32_t block, std::uint32_t 
         // As in cloth_direct: both normals must agree on the side.
         const float side = glm::dot(wi, vertex.surface.normal_g);
         if (bounce.wi.z * side <= 0.0f) break;
-        throughput *=
-            f32::cloth_shading_value(vertex.shading, bounce.wi, vertex.surface.wo, scene_.model.settings) / bounce.pdf;
+        throughput *= f32::cloth_shading_value(maps_[vertex.object], vertex.shading, bounce.wi, vertex.surface.wo,
+                                               scene_.model.settings) /
+                      bounce.pdf;
         if (!(largest(throughput) > 0.0f)) break;
 
         const glm::vec3 origin =

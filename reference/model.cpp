@@ -5,6 +5,7 @@
 #include <functional>
 #include <stdexcept>
 
+#include "bake/energy.hpp"
 #include "bake/error.hpp"
 
 namespace selvedge
@@ -75,14 +76,18 @@ template <class Words> const char* name_of(const Words& words, int value)
 ModelSpec model_preset(const std::string& mode)
 {
     ModelSpec model;
-    model.settings.bsdf = f32::cloth_bsdf_meso;
-    model.settings.slab = f32::cloth_slab_ply;
-    const bool ours = mode == "ours";
-    model.settings.weight = ours ? f32::cloth_weight_relief : f32::cloth_weight_mips;
-    model.settings.visibility = ours ? f32::cloth_visibility_horizon8 : f32::cloth_visibility_asg;
-    model.visibility = ours ? VisibilityKind::horizon8 : VisibilityKind::asg;
-    model.settings.unscattered = model.settings.interreflection = ours;
-    model.settings.twist_noise = true;
+    model.settings = full_model;
+    if (mode == "ours") return model;
+    model.settings.unscattered = model.settings.interreflection = false;
+    if (mode == "jin") {
+        model.settings.bsdf = f32::cloth_bsdf_micro;
+        model.settings.slab = f32::cloth_slab_macro;
+        model.settings.visibility = f32::cloth_visibility_none;
+        return model;
+    }
+    model.settings.weight = f32::cloth_weight_mips;
+    model.settings.visibility = f32::cloth_visibility_asg;
+    model.visibility = VisibilityKind::asg;
     return model;
 }
 
@@ -90,7 +95,7 @@ ModelSpec parse_model(const JsonValue& value)
 {
     value.expect_object(
         {"mode", "bsdf", "weight", "visibility", "slab", "unscattered", "interreflection", "twist_noise"});
-    ModelSpec model = model_preset(value.has("mode") ? value["mode"].choice({"ours", "paper"}) : "ours");
+    ModelSpec model = model_preset(value.has("mode") ? value["mode"].choice({"ours", "paper", "jin"}) : "ours");
     f32::ClothSettings& settings = model.settings;
     read_word(value, "bsdf", bsdf_words, settings.bsdf);
     read_word(value, "weight", weight_words, settings.weight);
@@ -130,7 +135,7 @@ void ModelOptions::prepend_to(Overrides& overrides) const
     const auto refuse = [](const char* option) {
         return [option](const std::string& text) { throw UsageError("%s: %s", option, text.c_str()); };
     };
-    constexpr Word mode_words[] = {{"ours", 0}, {"paper", 1}};
+    constexpr Word mode_words[] = {{"ours", 0}, {"paper", 1}, {"jin", 2}};
     Overrides said;
     if (!mode.empty()) said.push_back("model.mode=" + std::string(look_up(mode_words, mode, refuse("--mode")).name));
     if (!bsdf.empty()) said.push_back("model.bsdf=" + std::string(look_up(bsdf_words, bsdf, refuse("--bsdf")).name));

@@ -144,7 +144,7 @@ Options parse_options(int argc, char** argv, bool& done)
                    "path: surfaces that scatter along a path, 1 to 1024 (default 32; 1 is direct)")
         ->check(between(1, 1024));
     app.add_option("--mode", options.model.mode,
-                   "ours (default), paper: all ingredients of the model; single ones by -D model.KEY=value");
+                   "ours (default), paper, jin: all ingredients of the model; single ones by -D model.KEY=value");
     app.add_option("--bsdf", options.model.bsdf,
                    "meso (default), micro (the ply-level baseline without shadowing and masking)");
     app.add_option("--visibility", options.model.visibility, "horizon8 (default), asg, asg-lsq, none");

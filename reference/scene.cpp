@@ -492,26 +492,6 @@ f32::ClothCamera make_camera(const CameraSpec& camera, glm::ivec2 resolution)
             glm::vec2(resolution)};
 }
 
-f32::ClothMaps maps_of(const PackedFabric& fabric)
-{
-    f32::ClothMaps maps;
-    maps.size = fabric.size;
-    for (int side = 0; side < 2; ++side) {
-        maps.texels[side] = fabric.side[side].texels.data();
-        maps.horizons[side] = fabric.side[side].horizons.data();
-        maps.mips[side] = fabric.side[side].slope_mips.data();
-        maps.heights[side] = fabric.side[side].heights.data();
-        maps.asg[side] = fabric.side[side].asg.data();
-        maps.height_low[side] = fabric.side[side].height_range_m.x;
-        maps.height_high[side] = fabric.side[side].height_range_m.y;
-    }
-    maps.tile_m = fabric.tile_m;
-    maps.noise_cells = fabric.noise_cells;
-    maps.noise_amplitude = fabric.noise_amplitude;
-    maps.yarns = fabric.yarns.data();
-    return maps;
-}
-
 f32::ClothLights lights_of(const Scene& scene)
 {
     f32::ClothLights lights;

@@ -73,7 +73,6 @@ struct Scene {
 Scene load_scene(const std::filesystem::path& path, const Overrides& overrides = {});
 
 cloth::f32::ClothCamera make_camera(const CameraSpec& camera, glm::ivec2 resolution);
-cloth::f32::ClothMaps maps_of(const PackedFabric& fabric);
 cloth::f32::ClothLights lights_of(const Scene& scene);
 cloth::f32::ClothTriangle triangle_of(const SceneObject& object, std::size_t triangle);
 

@@ -11,6 +11,8 @@ import subprocess
 import sys
 import time
 
+import ingredient_tables
+
 ROOT = pathlib.Path(__file__).resolve().parents[1]
 BIN = pathlib.Path(os.environ.get("SELVEDGE_BIN", ROOT / "build" / "bin"))
 SCHEMA = 1
@@ -164,7 +166,54 @@ reference with another seed, less the part that this long render's own variance 
 noiseless image. Passes over all sample counts are repeated, preview and reference in turn; line: median, band: lowest and highest.
 Seconds to an error are interpolated between neighbouring points in the logarithms of both; *extrapolated* says that the series' time
 ran out above the error, and that the last points' slope and cost per sample were carried on, 32-fold at most.""",
+    "ingredients": """\
+What each ingredient of the model gains and costs; the tables and how they were measured are in [ingredients.md](ingredients.md). Here are the
+worst fabrics' figures: accuracy of visibility against exact rays; error of the effective reflectance of close-ups at 75 degrees
+against path tracing of the relief, all bounces for our mode, the first for the paper's; and time a sample over that of `micro`.""",
+    "stability": """\
+Every shared function on inputs that hunt trouble; errors by function, and what the figures mean, are in [stability.md](stability.md).""",
 }
+
+STABILITY = """\
+# Stability
+
+Made by `python tests/bench_report.py` from the report that `./dev bench stability` leaves in `out/bench`; not edited by hand.
+
+Every shared function, and chains of them with every setting of the model, on random inputs that hunt trouble: alpha at its floor, grazing
+to 1e-7, light along and against the view, fibres along normals, triangles and UVs without area, slopes at their clamp, footprints from 0
+to 1e6 texels, intensities 1e-8 to 1e8, lights at distance 0 (`tests/cpp/stability_inputs.cpp`). No result may be NaN, infinite, negative
+where that means nothing, above 1 for a share, or not of unit length for a direction.
+
+*Errors* are those of float against double on the same inputs, each of them a float, relative to the value or the length of the vector (to 1
+for coordinates and directions). Quantiles come from a histogram and are up to 4.5 % too high. An input is *flipped* if float and double
+decided differently anywhere on the way: took another branch, or read another texel. Decisions are noted by a third and fourth build of the
+same source, whose numbers record each comparison and each conversion to an integer. Flipped inputs are held to the same rule of good
+numbers, but their errors tell nothing and are left out. A shader's decisions cannot be seen: there, inputs count as flipped where results
+differ that are choices, where C++ float decides otherwise, or where double does after moving the input by 2^-17, which is many more.
+What remains is rounding and what the input makes of it: differences of nearly equal positions, cosines near 0, half vectors of nearly
+opposite directions, a rectangle of 1e-6 m at 1e3 m from the origin. *Unexplained* is the share of inputs whose error exceeds 2e-5 and 10
+times what inputs 4 units in the last place away make of the exact result; there the rounding of a step in between is what is magnified:
+corners and lights far from the origin, noise cells smaller than a texel, triangles without area, and, in shaders, the driver's own `atan`,
+next to environment texels that differ by 1e16. `selvedge-stability --replay FUNCTION INDEX` shows the worst input of a row.
+"""
+
+BUILDS = {"cpp": "C++ float against double", "egl": "GLSL through EGL against C++ double", "osmesa": "GLSL through OSMesa against C++ double"}
+
+
+def stability_document(report):
+    """docs/stability.md as text: the errors of each function, one table for each build."""
+    text = STABILITY + f"\n{report['date'][:10]}, revision {report['git']}, {report['cpu']}" + (f", {report['gl']}" if report["gl"] else "")
+    text += ", short form (`--quick`)" * bool(report.get("quick")) + ".\n"
+    for build, functions in report["functions"].items():
+        total = {key: sum(entry[key] for entry in functions.values()) for key in ("inputs", "not_finite", "out_of_range")}
+        text += f"\n## {BUILDS[build]}\n\n{total['inputs']:,} inputs in {report['seconds'][build]:.0f} s; results that are NaN or infinite: "
+        text += f"{total['not_finite']}; outside their range: {total['out_of_range']}.\n\n"
+        text += "| function | 50 % | 99.9 % | 99.9999 % | max | of input | flipped | unexplained |\n| --- " + "| ---: " * 7 + "|\n"
+        for name, entry in functions.items():
+            share = {key: f"{entry[key] / entry['inputs']:.1g}" if entry[key] else "0" for key in ("flipped", "unexplained")}
+            errors = (f"{entry[key]:.1e}" if entry[key] else "0" for key in ("q50", "q99_9", "q99_9999", "max"))
+            text += f"| `{name}` | {' | '.join(errors)} | {entry['worst_index']} | {share['flipped']} | {share['unexplained']} |\n"
+    return text
 
 
 def document(reports):
@@ -199,6 +248,11 @@ def main():
             plot = f"{report['suite']}-{name}.svg"
             (plots / plot).write_bytes((options.out / plot).read_bytes())
     options.document.write_text(document(reports))
+    for report in reports:
+        if report["suite"] == "ingredients":
+            (options.document.parent / "ingredients.md").write_text(ingredient_tables.document(report, busy(report)))
+        if report["suite"] == "stability":
+            (options.document.parent / "stability.md").write_text(stability_document(report))
     print(f"{options.document}: {', '.join(report['suite'] for report in reports)}")
 
 

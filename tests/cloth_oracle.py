@@ -527,14 +527,14 @@ def asg_visibility(mu, gamma, sigma_x, sigma_y, amplitude, d):
 
 
 def noise(cell_x, cell_y, f):
-    """Perlin 2002 with unit gradients at angle 2 pi hash / 2^32 (24 bits), hashed on integer cells."""
+    """Perlin 2002 with gradients (low half, high half of the hash, signed) / 2^15, hashed on integer cells."""
     def corner(dx, dy):
         mask = np.uint64(0xffffffff)
         cx, cy = (cell_x.astype(np.uint64) + np.uint64(dx)) & mask, (cell_y.astype(np.uint64) + np.uint64(dy)) & mask
         inner = np.array([hash32(int((c + np.uint64(0x9e3779b9)) & mask)) for c in cy], np.uint64)
         h = np.array([hash32(int(v)) for v in (cx * np.uint64(0x8da6b343) + inner) & mask])
-        phi = 2 * PI * (h >> 8) / 2**24
-        return np.cos(phi) * (f[:, 0] - dx) + np.sin(phi) * (f[:, 1] - dy)
+        gx, gy = (((half ^ 0x8000) - 0x8000) / 2**15 for half in (h & 0xffff, h >> 16))
+        return gx * (f[:, 0] - dx) + gy * (f[:, 1] - dy)
     w = f**3 * (f * (f * 6 - 15) + 10)
     low = corner(0, 0) * (1 - w[:, 0]) + corner(1, 0) * w[:, 0]
     high = corner(0, 1) * (1 - w[:, 0]) + corner(1, 1) * w[:, 0]

@@ -26,10 +26,10 @@ class Row:
     body: str
 
 
-def read_rows():
-    """ROW(name, inputs, outputs, statements) of shared_rows.h by name; a row is a line."""
+def read_rows(path=ROOT / "tests" / "shared_rows.h"):
+    """ROW(name, inputs, outputs, statements) by name; a row is a line."""
     rows = {}
-    for line in (ROOT / "tests" / "shared_rows.h").read_text().splitlines():
+    for line in path.read_text().splitlines():
         hit = re.fullmatch(r"ROW\((\w+), (\d+), (\d+), (.*)\)", line)
         if hit:
             rows[hit[1]] = Row(hit[1], int(hit[2]), int(hit[3]), hit[4])

@@ -404,11 +404,6 @@ def _():
     return inputs, lambda xs: oracle.decode_slopes(word(xs, 0))
 
 
-@function("wrap", exact=True)
-def _():
-    return lambda rng: np.c_[rng.integers(-1000, 1000, N), rng.integers(1, 300, N)], lambda xs: xs[:, 0] % xs[:, 1]
-
-
 @function("texel_at", tables=True, floor=1.0, why="a position on a texel's edge belongs to either", loose=0.005)
 def _():
     def inputs(rng):

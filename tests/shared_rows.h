@@ -31,7 +31,6 @@ ROW(asg_visibility, 11, 1, out1(0, cloth_asg_visibility(real4(in3(0), in1(3)), r
 
 // ---- cloth_maps.h, cloth_footprint.h
 ROW(decode_slopes, 2, 2, out2(0, cloth_decode_slopes(in_word(0)));)
-ROW(wrap, 2, 1, out1(0, real(cloth_wrap(in_int(0), in_int(1))));)
 ROW(texel_at, 2, 2, ivec2 xy = cloth_texel_at(in_maps(), in2(0)); out2(0, real2(real(xy.x), real(xy.y)));)
 ROW(texel, 3, 16, out_texel(0, cloth_texel(in_maps(), in_int(0), ivec2(in_int(1), in_int(2)), ivec2(0, 0), false));)
 ROW(horizon, 3, 18, out_horizon(0, cloth_horizon(in_maps(), in_int(0), ivec2(in_int(1), in_int(2))));)

@@ -12,7 +12,7 @@ import evaluate
 NOBODY = 65534
 
 
-@pytest.mark.parametrize("arguments", [[], ["frobnicate"], ["test", "--fast"], ["bench", "--slow"], ["demo", "now"], ["test", "-k"]])
+@pytest.mark.parametrize("arguments", [[], ["frobnicate"], ["test", "--fast"], ["bench", "--slow"], ["demo", "now"], ["test", "-k"], ["fuzz", "soon"]])
 def test_wrong_use_is_refused(arguments):
     done = subprocess.run([evaluate.ROOT / "dev", *arguments], capture_output=True, text=True, timeout=60)
     assert done.returncode == 2
@@ -24,10 +24,15 @@ def test_unknown_suite_is_refused():
     assert done.returncode == 2 and "no-such-suite" in done.stderr and "error-time" in done.stderr
 
 
+def test_unknown_reader_is_refused():
+    done = subprocess.run([evaluate.ROOT / "dev", "fuzz", "1", "no-such-reader"], capture_output=True, text=True, timeout=60)
+    assert done.returncode == 2 and "no-such-reader" in done.stderr and "wif" in done.stderr
+
+
 def test_help_names_every_command():
     done = subprocess.run([evaluate.ROOT / "dev", "--help"], capture_output=True, text=True, timeout=60)
     assert done.returncode == 0
-    assert all(f"./dev {command}" in done.stdout for command in ("demo", "app", "test", "bench", "format", "check"))
+    assert all(f"./dev {command}" in done.stdout for command in ("demo", "app", "test", "bench", "fuzz", "format", "check"))
 
 
 @pytest.mark.parametrize("command", ["demo", "test", "bench", "check"])

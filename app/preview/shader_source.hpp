@@ -89,6 +89,7 @@ inline constexpr Binding texture_units[] = {
     {"block_sum", 11},
     {"mean_map", 12},
     {"spread_map", 13},
+    {"rest_map", 14},
     // Buffers, on units that other passes use for pictures: a program never has both.
     {"height_words", 11},
     {"asg_table", 12},

@@ -56,7 +56,8 @@ void Targets::resize(glm::ivec2 size, const GlInfo& info)
     for (int side = 0; side < 2; ++side) {
         mean[side] = make_texture(GL_RGBA32F, GL_RGBA, GL_FLOAT, size);
         spread[side] = make_texture(GL_RGBA32F, GL_RGBA, GL_FLOAT, size);
-        merge_buffer[side] = make_framebuffer({*mean[side], *spread[side]}, 0);
+        rest[side] = make_texture(GL_RGBA32F, GL_RGBA, GL_FLOAT, size);
+        merge_buffer[side] = make_framebuffer({*mean[side], *spread[side], *rest[side]}, 0);
     }
     check_gl("framebuffers");
     extent = size;
@@ -70,6 +71,7 @@ void Targets::clear_accumulation()
     gl.BindFramebuffer(GL_FRAMEBUFFER, *merge_buffer[current]);
     gl.ClearBufferfv(GL_COLOR, 0, zeros);
     gl.ClearBufferfv(GL_COLOR, 1, zeros);
+    gl.ClearBufferfv(GL_COLOR, 2, zeros);
 }
 
 void Targets::clear_sum()
@@ -117,8 +119,11 @@ void Targets::end_merge()
 
 void Targets::bind_textures() const
 {
-    const std::pair<const char*, GLuint> textures[] = {
-        {"id_map", *ids}, {"block_sum", *sum}, {"mean_map", *mean[current]}, {"spread_map", *spread[current]}};
+    const std::pair<const char*, GLuint> textures[] = {{"id_map", *ids},
+                                                       {"block_sum", *sum},
+                                                       {"mean_map", *mean[current]},
+                                                       {"spread_map", *spread[current]},
+                                                       {"rest_map", *rest[current]}};
     for (const auto& [name, texture] : textures) {
         gl.ActiveTexture(GL_TEXTURE0 + static_cast<GLenum>(texture_unit(name)));
         gl.BindTexture(GL_TEXTURE_2D, texture);

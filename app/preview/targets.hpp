@@ -16,14 +16,14 @@ class Targets
     // (Re)makes everything, cleared. Either side 0 is taken as 1.
     //   throws  std::runtime_error: larger than the driver allows, out of memory
     void resize(glm::ivec2 size, const GlInfo& info);
-    void clear_accumulation(); // sum, mean, spread to 0
+    void clear_accumulation(); // sum, mean, spread, rest to 0
     void clear_sum();
 
     void begin_visibility(); // binds identities and depth, cleared: 0, infinitely far
     void begin_shade();      // binds the sum; what is drawn is added
-    void begin_merge();      // binds the mean and spread that are not current
+    void begin_merge();      // binds the mean, spread and rest that are not current
     void end_merge();        // makes them current
-    // Binds identities, sum and current mean and spread for the shaders.
+    // Binds identities, sum and current mean, spread and rest for the shaders.
     void bind_textures() const;
 
     glm::ivec2 size() const { return extent; }
@@ -33,7 +33,7 @@ class Targets
   private:
     glm::ivec2 extent{0};
     int current = 0;
-    GlName ids, depth, sum, mean[2], spread[2];
+    GlName ids, depth, sum, mean[2], spread[2], rest[2]; // rest: what rounding took from the mean
     GlName visibility_buffer, sum_buffer, merge_buffer[2];
 };
 

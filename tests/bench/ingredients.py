@@ -1,0 +1,202 @@
+"""Suite ingredients: what each ingredient of the model gains and costs, from the paper's mode to ours. Run by ./dev bench ingredients.
+
+One quiet rerun of everything: ./dev bench ingredients && build/venv/bin/python tests/bench_report.py"""
+import argparse
+import pathlib
+import statistics
+import sys
+import tempfile
+
+sys.path.insert(0, str(pathlib.Path(__file__).resolve().parents[1]))
+
+import bench_report  # noqa: E402
+from bench_report import figure  # noqa: E402
+
+FABRICS = ("plain", "twill", "satin")
+KINDS = ("none", "asg", "asg-lsq", "horizon8")
+# Each step switches one ingredient; what follows a "+" is added to the step before.
+LADDER = {
+    "paper": {"mode": "paper"},
+    "+horizon8": {"mode": "paper", "visibility": "horizon8"},
+    "+tile": {"mode": "paper", "visibility": "horizon8", "weight": "tile"},
+    "+resample": {"mode": "paper", "visibility": "horizon8", "weight": "resample"},
+    "+relief": {"mode": "paper", "visibility": "horizon8", "weight": "relief"},
+    "+unscattered": {"mode": "paper", "visibility": "horizon8", "weight": "relief", "unscattered": "true"},
+    "+interreflection = ours": {"mode": "ours"},
+}
+FROM_PAPER = {
+    "paper, visibility none": {"mode": "paper", "visibility": "none"},
+    "paper, visibility asg-lsq": {"mode": "paper", "visibility": "asg-lsq"},
+    "paper, weight tile": {"mode": "paper", "weight": "tile"},
+    "paper, weight resample": {"mode": "paper", "weight": "resample"},
+    "paper, weight relief": {"mode": "paper", "weight": "relief"},
+    "paper, slab macro": {"mode": "paper", "slab": "macro"},
+    "paper, unscattered": {"mode": "paper", "unscattered": "true"},
+    "paper, interreflection": {"mode": "paper", "interreflection": "true"},
+    "paper, no twist noise": {"mode": "paper", "twist_noise": "false"},
+}
+FROM_OURS = {
+    "ours, weight mips": {"weight": "mips"},
+    "ours, weight tile": {"weight": "tile"},
+    "ours, weight resample": {"weight": "resample"},
+    "ours, visibility none": {"visibility": "none"},
+    "ours, visibility asg": {"visibility": "asg"},
+    "ours, visibility asg-lsq": {"visibility": "asg-lsq"},
+    "ours, slab macro": {"slab": "macro"},
+    "ours, no unscattered": {"unscattered": "false"},
+    "ours, no interreflection": {"interreflection": "false"},
+    "ours, no twist noise": {"twist_noise": "false"},
+}
+BASE = {"micro": {"bsdf": "micro", "unscattered": "false", "interreflection": "false"}, "jin": {"mode": "jin"}}
+GROUPS = {"ladder": LADDER, "paper": FROM_PAPER, "ours": FROM_OURS, "base": BASE}
+MODELS = {name: keys for group in GROUPS.values() for name, keys in group.items()}
+OURS, MICRO = "+interreflection = ours", "micro"
+
+LONG = {"fabrics": FABRICS, "places": 4096, "samples": 16, "angles": (0, 30, 60, 75, 85), "footprints": (1, 4, 16, 64, 256), "directions": 4096,
+        "rounds": 5, "spp": 16, "frames": 24, "resolution": "256,256", "timed": tuple(MODELS)}
+SHORT = LONG | {"fabrics": FABRICS[:1], "places": 1024, "samples": 8, "angles": (0, 75), "footprints": (1, 64), "directions": 512,
+                "rounds": 2, "spp": 8, "frames": 6, "timed": (MICRO, "jin", "paper", OURS)}
+SCENE = bench_report.ROOT / "assets" / "scenes" / "cylinder_satin.json"
+
+
+def say(text):
+    print(f"ingredients: {text}", file=sys.stderr)
+
+
+def fabric_file(name):
+    return bench_report.ROOT / "assets" / "fabrics" / f"{name}.json"
+
+
+def measure_visibility(options):
+    result = {}
+    for fabric in options["fabrics"]:
+        say(f"visibility, {fabric}")
+        report = bench_report.run_program("selvedge-ingredients", "visibility", fabric_file(fabric), "--places", options["directions"],
+                                          *(word for kind in KINDS for word in ("--kind", kind)))
+        result[fabric] = {row.pop("kind"): row for row in report["kinds"]}
+    return result
+
+
+def name_on_the_line(model):
+    return f"{model}:{','.join(f'{key}={value}' for key, value in MODELS[model].items())}"
+
+
+def measure_reflectance(options):
+    """{fabric: the program's report}; a model that has interreflection is held to all bounces, another to the first."""
+    result = {}
+    models = [word for model in MODELS for word in ("--model", name_on_the_line(model))]
+    for fabric in options["fabrics"]:
+        say(f"reflectance, {fabric}")
+        result[fabric] = bench_report.run_program("selvedge-ingredients", "reflectance", fabric_file(fabric), *models,
+                                                  "--places", options["places"], "--samples", options["samples"],
+                                                  "--angles", *options["angles"], "--footprints", *options["footprints"])
+    return result
+
+
+def bounces(model):
+    keys = MODELS[model]
+    own = keys.get("interreflection")
+    return "all" if own == "true" or (own is None and keys.get("mode", "ours") == "ours") else "once"
+
+
+def cells(report, model, light, angle=None, footprint=None):
+    return [cell["models"][model][f"{light}_{bounces(model)}"] for cell in report["cells"]
+            if angle in (None, cell["angle"]) and footprint in (None, cell["footprint"])]
+
+
+def time_reference(model, folder, options):
+    """(nanoseconds a sample on one thread, samples)."""
+    report = bench_report.run_program("selvedge-render", SCENE, "-q", "-o", folder / "reference.exr", "--spp", options["spp"], "--threads", 1,
+                                      "--resolution", options["resolution"], *settings(model))
+    return 1e9 * report["seconds"]["render"] / report["samples"], report["samples"]
+
+
+def time_preview(model, folder, options):
+    report = bench_report.run_program("selvedge-lookdev", SCENE, "--headless", "-q", "-o", folder / "preview.exr", "--frames", options["frames"],
+                                      "--backend", "egl", "--resolution", options["resolution"], *settings(model))
+    options["gl"] = f"{report['gl']['renderer']}, {report['gl']['version']}, {report['gl']['backend']}"
+    pixels = report["resolution"][0] * report["resolution"][1]
+    return 1e6 * report["milliseconds_per_frame"]["median"] / pixels, report["samples"]
+
+
+def settings(model):
+    return [word for key, value in MODELS[model].items() for word in ("-D", f"model.{key}={value}")]
+
+
+def measure_cost(options):
+    """{renderer: {model: {"nanoseconds", "over_micro", "low", "high", "runs", "samples"}}}. Every run of a model has a run of micro beside
+    it, before and after it in turn; the ratio is the median over these pairs."""
+    result = {}
+    with tempfile.TemporaryDirectory(prefix="selvedge-bench-") as name:
+        folder = pathlib.Path(name)
+        for renderer, clock in (("reference", time_reference), ("preview", time_preview)):
+            say(f"cost, {renderer}")
+            clock(MICRO, folder, options)   # warms caches; thrown away
+            pairs = {model: [] for model in options["timed"]}
+            for round_ in range(options["rounds"]):
+                for model in options["timed"]:
+                    if round_ % 2:
+                        micro, (own, samples) = clock(MICRO, folder, options)[0], clock(model, folder, options)
+                    else:
+                        (own, samples), micro = clock(model, folder, options), clock(MICRO, folder, options)[0]
+                    pairs[model].append((own, own / micro))
+            result[renderer] = {}
+            for model, runs in pairs.items():
+                ratios = [ratio for _, ratio in runs]
+                result[renderer][model] = {"nanoseconds": statistics.median(own for own, _ in runs), "over_micro": statistics.median(ratios),
+                                           "low": min(ratios), "high": max(ratios), "runs": len(runs), "samples": samples}
+    return result
+
+
+def figures_of(visibility, reflectance, cost, options):
+    figures = {}
+    for kind in KINDS:
+        rows = [fabric[kind] for fabric in visibility.values()]
+        figures[f"visibility_rms.{kind}"] = figure(max(row["rms"] for row in rows), "", "lower", target=.17 if kind == "horizon8" else None,
+                                                   runs=len(rows), note="worst fabric; V against exact rays")
+        figures[f"visibility_bytes_per_texel.{kind}"] = figure(rows[0]["bytes_per_texel"], "bytes", "lower", target=2 if kind == "horizon8" else None,
+                                                               note="and side")
+        figures[f"visibility_ns.{kind}"] = figure(statistics.median(row["nanoseconds"] for row in rows), "ns", "lower", runs=9 * len(rows),
+                                                  note="one look-up at a random texel, C++, one thread")
+    for light in ("sky", "sun"):
+        for model, label, target in ((OURS, "ours", .02), ("+horizon8", "paper_with_horizon8", None), ("paper", "paper", None)):
+            here = [cell for report in reflectance.values() for cell in cells(report, model, light, 75, 1)]
+            worst = max(here, key=lambda cell: abs(cell["error"]))
+            figures[f"close_up_error_75.{light}.{label}"] = figure(abs(worst["error"]), "", "lower", target=target, runs=len(here),
+                                                                   note=f"{worst['error']:+.3f} ± {worst['error_95']:.3f} (95 %), worst fabric; footprint 1 px")
+        every = [cell for report in reflectance.values() for cell in cells(report, OURS, light)]
+        worst = max(every, key=lambda cell: abs(cell["error"]))
+        figures[f"worst_error.{light}.ours"] = figure(abs(worst["error"]), "", "lower", runs=len(every),
+                                                      note=f"{worst['error']:+.3f} ± {worst['error_95']:.3f} (95 %), any angle, footprint, fabric")
+    for renderer, models in cost.items():
+        for model, label in ((OURS, "ours"), ("paper", "paper"), ("jin", "jin")):
+            row = models[model]
+            figures[f"meso_over_micro.{renderer}.{label}"] = figure(
+                row["over_micro"], "x", "lower", target=1.1 if label == "ours" else None, runs=row["runs"],
+                note=f"{row['low']:.2f} to {row['high']:.2f}; {row['nanoseconds']:.0f} ns a sample")
+    return figures
+
+
+def main():
+    parser = argparse.ArgumentParser(description="What each ingredient of the model gains and costs.")
+    parser.add_argument("--quick", action="store_true", help="one fabric, few samples: about a minute")
+    parser.add_argument("--out", type=pathlib.Path, default=bench_report.ROOT / "out" / "bench", help="folder of the report")
+    arguments = parser.parse_args()
+    options = dict(SHORT if arguments.quick else LONG)
+    load = bench_report.other_load()
+    visibility = measure_visibility(options)
+    reflectance = measure_reflectance(options)
+    cost = measure_cost(options)
+    figures = figures_of(visibility, reflectance, cost, options)
+    for report in reflectance.values():   # of each model only what it is held to: the truth that has its bounces
+        for cell in report["cells"]:
+            cell["models"] = {model: {light: row[f"{light}_{bounces(model)}"] for light in ("sky", "sun")} | {"passes": row["passes"]}
+                              for model, row in cell["models"].items()}
+    tables = {"groups": {group: list(models) for group, models in GROUPS.items()}, "settings": MODELS, "scene": SCENE.name,
+              "bounces": {model: bounces(model) for model in MODELS}, "visibility": visibility, "reflectance": reflectance, "cost": cost,
+              "angles": options["angles"], "footprints": options["footprints"]}
+    bench_report.write("ingredients", figures, {}, out=arguments.out, load=load, gl=options.get("gl", ""), quick=arguments.quick, tables=tables)
+
+
+if __name__ == "__main__":
+    main()
