@@ -95,9 +95,9 @@ std::string geometry_hash(const Fabric& fabric, const KnitPlan& plan, Visibility
 {
     ContentHash hash;
     hash.text("knit");
-    for (const int value : {static_cast<int>(format_version), plan.size.x, plan.size.y, static_cast<int>(visibility),
-                            plan.pattern.columns, plan.pattern.rows, plan.pattern.rows_per_course, plan.across, plan.up,
-                            plan.plies})
+    for (const int value :
+         {static_cast<int>(format_version), plan.size.x, plan.size.y, static_cast<int>(visibility),
+          plan.pattern.columns, plan.pattern.rows, plan.pattern.rows_per_course, plan.across, plan.up, plan.plies})
         hash.number(std::int64_t(value));
     for (const KnitLoop& loop : plan.pattern.loops) {
         for (const int value : {loop.row, loop.column, loop.face, loop.bed, loop.level, loop.strand})

@@ -142,14 +142,15 @@ SkySample sample_sky(const f32::ClothMaps& maps, int side, const f32::ClothFootp
     glm::vec3 i;
     if (u_choice.x < 0.5f) {
         const f32::ClothSample lobe =
-            f32::cloth_shading_sample(shading, o, f32::cloth_draw(random, f32::cloth_dim_lobe), u);
+            f32::cloth_shading_sample(shading, o, settings, f32::cloth_draw(random, f32::cloth_dim_lobe), u);
         if (lobe.pdf <= 0) return sample;
         i = lobe.wi;
     } else {
         i = f32::cloth_cosine_sample({0, 0, 1}, u);
         if (u_choice.y < 0.5f) i = f32::cloth_mirror(i);
     }
-    const float pdf = 0.5f * f32::cloth_shading_pdf(shading, i, o) + 0.5f * std::abs(i.z) / (2 * f32::cloth_pi);
+    const float pdf =
+        0.5f * f32::cloth_shading_pdf(shading, i, o, settings) + 0.5f * std::abs(i.z) / (2 * f32::cloth_pi);
     if (pdf <= 0) return sample;
     (i.z > 0 ? sample.front : sample.back) = f32::cloth_shading_value(maps, shading, i, o, settings) / pdf;
     return sample;

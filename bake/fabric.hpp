@@ -55,8 +55,8 @@ struct Fabric {
     std::vector<std::string> warnings;
 };
 
-// A fabric JSON, or a bare draft (name ends in .wif, or .txt for rows of x and dots), which takes default yarns with the
-// draft's colours. Spacing and width that the JSON does not state come from the draft, where that states them.
+// A fabric JSON, or a bare draft (name ends in .wif, or .txt for rows of x and dots), which takes default yarns with
+// the draft's colours. Spacing and width that the JSON does not state come from the draft, where that states them.
 //   throws  InputError file:line: key: found, expected
 Fabric load_fabric(const std::string& path, const Overrides& overrides = {});
 // The same from a parsed value (a fabric written inside a scene).

@@ -59,6 +59,7 @@ class Layout
             laid.face = loop.parents.empty() ? 0 : static_cast<float>(loop.face);
             laid.child_face = static_cast<float>(after.face);
             laid.bed = bed_depth * static_cast<float>(loop.bed);
+            is_double = is_double || loop.bed != 0;
             laid.level = level_step * static_cast<float>(loop.level);
             laid.child_level = level_step * static_cast<float>(after.level);
             float place = 0;
@@ -122,8 +123,7 @@ class Layout
             }
             if (floats) {
                 const glm::vec3 from = at(loop, 1, before.face, after.face) + glm::vec3(0, 0, right_bed);
-                const float to_z = from.z,
-                            middle = double_bed() ? 0 : -depth - level_step * static_cast<float>(1 + order);
+                const float to_z = from.z, middle = is_double ? 0 : -depth - level_step * static_cast<float>(1 + order);
                 for (int s = 0; s < 32; ++s) {
                     const float v = static_cast<float>(s) / 32, edge = std::min(v, 1 - v) * float_length;
                     const float share = smooth(0, wale, edge);
@@ -139,13 +139,9 @@ class Layout
         }
     }
 
-    bool double_bed() const
-    {
-        return std::any_of(pattern.loops.begin(), pattern.loops.end(), [](const KnitLoop& l) { return l.bed != 0; });
-    }
-
     const KnitPattern& pattern;
     float radius_m, wale, row, loop_length, overlap = 0;
+    bool is_double = false; // both beds knit: floats run between them, else behind
     std::vector<Laid> loops;
 };
 

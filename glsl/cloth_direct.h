@@ -49,19 +49,37 @@ CLOTH_FN real3 cloth_shading_value(CLOTH_IN(ClothMaps) maps, CLOTH_IN(ClothShadi
     return value * shading.selection.weight;
 }
 
-CLOTH_FN real cloth_shading_pdf(CLOTH_IN(ClothShading) shading, real3 wi, real3 wo)
+// Probability of sampling the lobe of light between yarns: its share in the albedo, as for the lobes of a point [6.5].
+CLOTH_FN real cloth_interreflection_share(CLOTH_IN(ClothShading) shading, ClothSettings settings)
 {
-    if (shading.matte) return max(wi.z, real(0)) / cloth_pi;
-    return cloth_point_pdf(shading.selection.texel.point, shading.selection.yarn, wi, wo);
+    if (!settings.interreflection || settings.bsdf != cloth_bsdf_meso) return real(0);
+    ClothYarn yarn = shading.selection.yarn;
+    real lobe  = cloth_luminance(cloth_interreflection(yarn.reflectance, shading.selection.texel.openness_f));
+    real point = cloth_luminance(yarn.albedo_r + yarn.albedo_t + yarn.diffuse_r + yarn.diffuse_t);
+    return lobe / max(lobe + point, real(1e-20));
 }
 
-CLOTH_FN ClothSample cloth_shading_sample(CLOTH_IN(ClothShading) shading, real3 wo, real2 u_lobe, real2 u)
+// Density of cloth_shading_sample [1/sr].
+CLOTH_FN real cloth_shading_pdf(CLOTH_IN(ClothShading) shading, real3 wi, real3 wo, ClothSettings settings)
 {
-    if (shading.matte) {
+    real cosine = max(wi.z, real(0)) / cloth_pi;
+    if (shading.matte) return cosine;
+    return mix(cloth_point_pdf(shading.selection.texel.point, shading.selection.yarn, wi, wo), cosine,
+               cloth_interreflection_share(shading, settings));
+}
+
+// A direction of light. u_lobe chooses the lobe, u the direction in it; all in [0, 1).
+CLOTH_FN ClothSample cloth_shading_sample(CLOTH_IN(ClothShading) shading, real3 wo, ClothSettings settings, real2 u_lobe, real2 u)
+{
+    real share = shading.matte ? real(1) : cloth_interreflection_share(shading, settings);
+    if (u_lobe.x < share) {
         real3 wi = cloth_cosine_sample(real3(real(0), real(0), real(1)), u);
-        return ClothSample(wi, wi.z / cloth_pi);
+        return ClothSample(wi, cloth_shading_pdf(shading, wi, wo, settings));
     }
-    return cloth_point_sample(shading.selection.texel.point, shading.selection.yarn, wo, u_lobe, u);
+    real2 u_point = real2(min((u_lobe.x - share) / max(real(1) - share, real(1e-6)), real(0.99999994)), u_lobe.y);
+    ClothSample s = cloth_point_sample(shading.selection.texel.point, shading.selection.yarn, wo, u_point, u);
+    if (s.pdf > real(0)) s.pdf = mix(s.pdf, max(s.wi.z, real(0)) / cloth_pi, share);
+    return s;
 }
 
 // A light, chosen by its pmf; u is stretched to be uniform again.
@@ -97,7 +115,7 @@ CLOTH_FN ClothDirect cloth_direct(CLOTH_IN(ClothLights) lights, CLOTH_IN(ClothMa
 
     ClothLightSample seen;
     if (use_bsdf) {
-        ClothSample s = cloth_shading_sample(shading, surface.wo, real2(u_light.y, choice.u * real(2)), u_emit);
+        ClothSample s = cloth_shading_sample(shading, surface.wo, settings, real2(u_light.y, choice.u * real(2)), u_emit);
         if (s.pdf <= real(0)) return none;
         seen = cloth_light_hit(lights, choice.light, surface.position, cloth_to_world(surface.frame, s.wi));
     } else {
@@ -110,7 +128,7 @@ CLOTH_FN ClothDirect cloth_direct(CLOTH_IN(ClothLights) lights, CLOTH_IN(ClothMa
     real3 value = cloth_shading_value(maps, shading, wi, surface.wo, settings) * seen.radiance;
     if (max(value.x, max(value.y, value.z)) <= real(0)) return none;
     real pdf = seen.pdf;
-    if (both) pdf = real(0.5) * (seen.pdf + cloth_shading_pdf(shading, wi, surface.wo));
+    if (both) pdf = real(0.5) * (seen.pdf + cloth_shading_pdf(shading, wi, surface.wo, settings));
     return ClothDirect(true, seen.wi, seen.distance, value / (pdf * choice.light.pmf));
 }
 

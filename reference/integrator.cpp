@@ -164,9 +164,9 @@ glm::vec3 Renderer::sample(glm::ivec2 pixel, std::uint32_t block, std::uint32_t 
     Vertex vertex = first;
     glm::vec3 throughput(1.0f);
     for (int depth = 1; depth < settings_.max_depth; ++depth) {
-        const f32::ClothSample bounce =
-            f32::cloth_shading_sample(vertex.shading, vertex.surface.wo, f32::cloth_draw(random, f32::cloth_dim_lobe),
-                                      f32::cloth_draw(random, f32::cloth_dim_direction));
+        const f32::ClothSample bounce = f32::cloth_shading_sample(
+            vertex.shading, vertex.surface.wo, scene_.model.settings, f32::cloth_draw(random, f32::cloth_dim_lobe),
+            f32::cloth_draw(random, f32::cloth_dim_direction));
         if (bounce.pdf <= 0.0f) break;
         const glm::vec3 wi = f32::cloth_to_world(vertex.surface.frame, bounce.wi);
         // As in cloth_direct: both normals must agree on the side.

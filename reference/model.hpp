@@ -18,8 +18,8 @@ struct ModelSpec {
 };
 
 // The presets: "ours" (relief, horizons, unscattered light, interreflection, twist noise) and "paper" (weights from the
-// slope mips, ASG as written, nothing else), "jin" (Jin et al. 2022: the plies' slab with the cosines of the macroscopic
-// normal, math.md 3.5, no shadowing or masking).
+// slope mips, ASG as written, nothing else), "jin" (Jin et al. 2022: the plies' slab with the cosines of the
+// macroscopic normal, math.md 3.5, no shadowing or masking).
 ModelSpec model_preset(const std::string& mode);
 
 // "model": {"mode", "bsdf", "weight", "visibility", "slab", "unscattered", "interreflection", "twist_noise"}; keys

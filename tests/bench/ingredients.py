@@ -52,8 +52,8 @@ GROUPS = {"ladder": LADDER, "paper": FROM_PAPER, "ours": FROM_OURS, "base": BASE
 MODELS = {name: keys for group in GROUPS.values() for name, keys in group.items()}
 OURS, MICRO = "+interreflection = ours", "micro"
 
-LONG = {"fabrics": FABRICS, "places": 4096, "samples": 16, "angles": (0, 30, 60, 75, 85), "footprints": (1, 4, 16, 64, 256), "directions": 4096,
-        "rounds": 5, "spp": 16, "frames": 24, "resolution": "256,256", "timed": tuple(MODELS)}
+LONG = {"fabrics": FABRICS, "texels": 256, "places": 2048, "samples": 16, "angles": (0, 30, 60, 75, 85), "footprints": (1, 4, 16, 64, 256),
+        "directions": 4096, "rounds": 5, "spp": 16, "frames": 24, "resolution": "256,256", "timed": tuple(MODELS)}
 SHORT = LONG | {"fabrics": FABRICS[:1], "places": 1024, "samples": 8, "angles": (0, 75), "footprints": (1, 64), "directions": 512,
                 "rounds": 2, "spp": 8, "frames": 6, "timed": (MICRO, "jin", "paper", OURS)}
 SCENE = bench_report.ROOT / "assets" / "scenes" / "cylinder_satin.json"
@@ -72,6 +72,7 @@ def measure_visibility(options):
     for fabric in options["fabrics"]:
         say(f"visibility, {fabric}")
         report = bench_report.run_program("selvedge-ingredients", "visibility", fabric_file(fabric), "--places", options["directions"],
+                                          "--resolution", options["texels"],
                                           *(word for kind in KINDS for word in ("--kind", kind)))
         result[fabric] = {row.pop("kind"): row for row in report["kinds"]}
     return result
@@ -88,7 +89,7 @@ def measure_reflectance(options):
     for fabric in options["fabrics"]:
         say(f"reflectance, {fabric}")
         result[fabric] = bench_report.run_program("selvedge-ingredients", "reflectance", fabric_file(fabric), *models,
-                                                  "--places", options["places"], "--samples", options["samples"],
+                                                  "--resolution", options["texels"], "--places", options["places"], "--samples", options["samples"],
                                                   "--angles", *options["angles"], "--footprints", *options["footprints"])
     return result
 
@@ -177,6 +178,18 @@ def figures_of(visibility, reflectance, cost, options):
     return figures
 
 
+def tables_of(visibility, reflectance, cost, options):
+    """What tests/ingredient_tables.py makes a page of. Of each model it has only what it is held to: the truth with its bounces."""
+    short = {}
+    for fabric, report in reflectance.items():
+        short[fabric] = report | {"cells": [cell | {"models": {
+            model: {light: row[f"{light}_{bounces(model)}"] for light in ("sky", "sun")} | {"passes": row["passes"]}
+            for model, row in cell["models"].items()}} for cell in report["cells"]]}
+    return {"groups": {group: list(models) for group, models in GROUPS.items()}, "settings": MODELS, "scene": SCENE.name,
+            "bounces": {model: bounces(model) for model in MODELS}, "visibility": visibility, "reflectance": short, "cost": cost,
+            "angles": options["angles"], "footprints": options["footprints"]}
+
+
 def main():
     parser = argparse.ArgumentParser(description="What each ingredient of the model gains and costs.")
     parser.add_argument("--quick", action="store_true", help="one fabric, few samples: about a minute")
@@ -188,13 +201,7 @@ def main():
     reflectance = measure_reflectance(options)
     cost = measure_cost(options)
     figures = figures_of(visibility, reflectance, cost, options)
-    for report in reflectance.values():   # of each model only what it is held to: the truth that has its bounces
-        for cell in report["cells"]:
-            cell["models"] = {model: {light: row[f"{light}_{bounces(model)}"] for light in ("sky", "sun")} | {"passes": row["passes"]}
-                              for model, row in cell["models"].items()}
-    tables = {"groups": {group: list(models) for group, models in GROUPS.items()}, "settings": MODELS, "scene": SCENE.name,
-              "bounces": {model: bounces(model) for model in MODELS}, "visibility": visibility, "reflectance": reflectance, "cost": cost,
-              "angles": options["angles"], "footprints": options["footprints"]}
+    tables = tables_of(visibility, reflectance, cost, options)
     bench_report.write("ingredients", figures, {}, out=arguments.out, load=load, gl=options.get("gl", ""), quick=arguments.quick, tables=tables)
 
 

@@ -2,6 +2,8 @@
 // once (test_shared_functions.py, test_sampling.py).
 #include <catch2/catch.hpp>
 
+#include <cmath>
+#include <random>
 #include <type_traits>
 #include <vector>
 
@@ -50,4 +52,51 @@ TEST_CASE("a long run of samples loses none of its weight", "[shared]")
         whole += static_cast<double>(sum / static_cast<float>(length));
     }
     CHECK(whole / blocks == Approx(exact / 65536.0).epsilon(1e-6));
+}
+
+TEST_CASE("samples of a shaded point give the integral of its value, light between yarns included", "[shared]")
+{
+    using namespace cloth::f64;
+    // A steep ply in a furrow. Without specular lobes no lobe of the point reaches what lies behind the ply: that part
+    // of the light between the yarns is found by its own lobe or not at all.
+    ClothMaps maps;
+    ClothSettings settings{
+        cloth_bsdf_meso, cloth_weight_relief, cloth_visibility_none, cloth_slab_ply, true, true, false};
+    ClothSelection selection{};
+    const glm::dvec3 area(-1.5, 0.4, 1);
+    selection.weight = 1;
+    selection.texel.point = {glm::normalize(area), glm::normalize(area), glm::dvec3(0, 1, 0), glm::length(area),
+                             glm::length(area)};
+    selection.texel.openness_f = 0.4;
+    selection.yarn = {glm::dvec3(0),  glm::dvec3(0), glm::dvec3(0.7), glm::dvec3(0.2), 0.2, 0.2, 2, 0, 1,
+                      glm::dvec3(0.7)};
+    const glm::dvec3 o = glm::normalize(glm::dvec3(-0.3, 0.1, 0.8));
+    for (const double albedo : {0.0, 0.2}) {
+        selection.yarn.albedo_r = selection.yarn.albedo_t = glm::dvec3(albedo);
+        const ClothShading shading = cloth_shade_fabric(selection);
+        double exact = 0;
+        constexpr int rows = 512, columns = 1024;
+        for (int a = 0; a < rows; ++a)
+            for (int b = 0; b < columns; ++b) {
+                const double z = 2 * (a + 0.5) / rows - 1, phi = 2 * cloth_pi * (b + 0.5) / columns;
+                const glm::dvec3 i(std::sqrt(1 - z * z) * std::cos(phi), std::sqrt(1 - z * z) * std::sin(phi), z);
+                exact += cloth_shading_value(maps, shading, i, o, settings).x * 4 * cloth_pi / (rows * columns);
+            }
+        std::mt19937 random(9);
+        std::uniform_real_distribution<double> unit(0, 1);
+        double sum = 0, squares = 0;
+        constexpr int samples = 200000;
+        for (int k = 0; k < samples; ++k) {
+            const glm::dvec2 lobe(unit(random), unit(random)), u(unit(random), unit(random));
+            const ClothSample s = cloth_shading_sample(shading, o, settings, lobe, u);
+            REQUIRE(s.pdf > 0);
+            REQUIRE(s.pdf == Approx(cloth_shading_pdf(shading, s.wi, o, settings)).epsilon(1e-9));
+            const double weight = cloth_shading_value(maps, shading, s.wi, o, settings).x / s.pdf;
+            sum += weight;
+            squares += weight * weight;
+        }
+        const double mean = sum / samples, deviation = std::sqrt((squares / samples - mean * mean) / samples);
+        CHECK(std::abs(mean - exact) < 4 * deviation + 1e-4);
+        CHECK(deviation * std::sqrt(samples) < 0.6);
+    }
 }

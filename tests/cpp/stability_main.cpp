@@ -5,7 +5,7 @@
 //   selvedge-stability --replay FUNCTION INDEX                      one input, and what float and double make of it
 //   selvedge-stability --inputs FUNCTION FIRST COUNT                inputs as raw float32, for other machines to try
 //   selvedge-stability --judge FUNCTION FIRST COUNT                 their results, raw float32 on stdin, against double
-//   selvedge-stability --serve                                      answers "FUNCTION f32|f64 COUNT" and COUNT rows of raw
+//   selvedge-stability --serve                                      answers "FUNCTION f32|f64 COUNT" and COUNT rows of
 //                                                                   float64 with as many rows, until the input ends
 //   selvedge-stability --tables                                     the maps and lights, as counted arrays
 // Exit status: 0; 1 where a result is not a number, infinite, or outside its range; 2 for a wrong command line.
