@@ -49,7 +49,12 @@ def test_documented_pictures_are_what_is_woven(export, pattern, rows):
 
 def test_every_weave_is_listed_documented_and_in_the_schema(program):
     listed = subprocess.run([program("bake"), "--list"], capture_output=True, text=True, check=True).stdout.splitlines()
-    names = {re.match(r"[a-z ]*[a-z]", line)[0] for line in listed if line[0].isalpha()}
+    weaves = next(k for k, line in enumerate(listed) if "ISO 9354" in line) + 1
+    for line in listed[weaves:]:
+        knit = re.match(r"[a-z]+( jersey| lace)?", line)[0]
+        assert knit in DOCS and any(knit in example for example in SCHEMA["properties"]["knit"]["oneOf"][0]["examples"]), line
+    assert len(listed) > weaves
+    names = {re.match(r"[a-z ]*[a-z]", line)[0] for line in listed[:weaves] if line[0].isalpha()}
     assert names == {"plain", "basket", "warp rib", "weft rib", "twill", "broken twill", "pointed twill", "herringbone", "satin", "sateen", "crepe"}
     assert any("ISO 9354" in line for line in listed)
     examples = SCHEMA["properties"]["pattern"]["oneOf"][0]["examples"]
