@@ -94,11 +94,7 @@ LookdevOptions parse_options(int argc, char** argv, bool& done)
     app.add_option("--resolution", resolution, "WIDTH,HEIGHT instead of the scene's");
     app.add_option("--backend", backend, "headless: auto (EGL, then OSMesa), egl, osmesa");
     app.add_option("--integrator", integrator, "direct (path: selvedge-render)");
-    app.add_option("--mode", model.mode,
-                   "ours (default), paper, jin: all ingredients of the model; single ones by -D model.KEY=value");
-    app.add_option("--bsdf", model.bsdf,
-                   "meso (default), micro (the ply-level baseline without shadowing and masking)");
-    app.add_option("--visibility", model.visibility, "horizon8 (default), asg, asg-lsq, none");
+    model.add_to(app);
     app.add_option("--footprint-samples", options.footprint_samples,
                    "shaded points of every pixel in a frame (default 1)")
         ->check(between(1, 64));

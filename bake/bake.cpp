@@ -4,6 +4,7 @@
 #include <algorithm>
 #include <chrono>
 #include <cmath>
+#include <functional>
 
 #include <tbb/parallel_for.h>
 
@@ -98,6 +99,35 @@ void finish(const Fabric& fabric, VisibilityKind kind, PackedFabric& packed)
             packed.lets_light_between_fibres || std::exp(-yarn.thickness) > unscattered_limit;
 }
 
+// What the rest of the bake asks of a pattern, woven or knit.
+struct Geometry {
+    glm::ivec2 size{0}; // texels
+    glm::vec2 tile_m{0};
+    std::vector<std::string> warnings;
+    std::function<std::string(VisibilityKind)> hash;
+    std::function<PlyModel(std::vector<std::string>& warnings)> plies;
+};
+
+Geometry woven_geometry(const Fabric& fabric, int resolution)
+{
+    const WovenPlan plan = plan_woven(fabric, resolution);
+    return {plan.size, plan.tile_m, plan.warnings,
+            [&fabric, plan](VisibilityKind kind) { return geometry_hash(fabric, plan, kind); },
+            [&fabric, plan](auto&) { return wind_plies(plan.tile_m, weave_yarns(fabric, plan)); }};
+}
+
+Geometry knit_geometry(const Fabric& fabric, int resolution)
+{
+    const KnitPlan plan = plan_knit(fabric, resolution);
+    return {plan.size, plan.tile_m, plan.warnings,
+            [&fabric, plan](VisibilityKind kind) { return geometry_hash(fabric, plan, kind); },
+            [&fabric, plan](auto& warnings) {
+                PlyModel model = wind_plies(plan.tile_m, knit_yarns(fabric, plan, warnings));
+                model.wall_share = 1, model.gap_steepness = 3; // loops lie high above each other
+                return model;
+            }};
+}
+
 } // namespace
 
 std::vector<cloth::f32::ClothYarn> shade_yarns(const Fabric& fabric)
@@ -119,39 +149,33 @@ PackedFabric bake_fabric(const Fabric& fabric, const BakeOptions& options, BakeR
                          visibility_name(kind));
 
     const int resolution = options.resolution > 0 ? options.resolution : fabric.resolution;
-    const WovenPlan woven = fabric.knit ? WovenPlan() : plan_woven(fabric, resolution);
-    const KnitPlan knit = fabric.knit ? plan_knit(fabric, resolution) : KnitPlan();
-    const glm::ivec2 size = fabric.knit ? knit.size : woven.size;
-    const glm::vec2 tile_m = fabric.knit ? knit.tile_m : woven.tile_m;
+    const Geometry geometry = fabric.knit ? knit_geometry(fabric, resolution) : woven_geometry(fabric, resolution);
+    const glm::ivec2 size = geometry.size;
     PackedFabric packed;
     packed.name = fabric.name;
     packed.size = size;
     packed.visibility = kind;
     packed.warnings = fabric.warnings;
-    for (const std::string& warning : fabric.knit ? knit.warnings : woven.warnings) packed.warnings.push_back(warning);
+    packed.warnings.insert(packed.warnings.end(), geometry.warnings.begin(), geometry.warnings.end());
     const YarnTypes types = yarn_types(fabric);
     for (const YarnTypes::Type& type : types.types) packed.yarn_names.push_back(type.name);
     packed.yarns = shade_yarns(fabric);
     for (const auto& yarn : packed.yarns)
         packed.transmits = packed.transmits || glm::any(glm::greaterThan(yarn.albedo_t + yarn.diffuse_t, glm::vec3(0)));
 
-    const std::string hash = !options.use_cache ? ""
-                             : fabric.knit      ? geometry_hash(fabric, knit, kind)
-                                                : geometry_hash(fabric, woven, kind);
+    const std::string hash = options.use_cache ? geometry.hash(kind) : "";
     spent.cached = options.use_cache && !options.force && read_cache(hash, packed, &spent.disk_bytes);
     if (!spent.cached) {
-        packed.tile_m = tile_m;
+        packed.tile_m = geometry.tile_m;
         stage.lap();
-        PlyModel model =
-            wind_plies(tile_m, fabric.knit ? knit_yarns(fabric, knit, packed.warnings) : weave_yarns(fabric, woven));
-        if (fabric.knit) model.wall_share = 1, model.gap_steepness = 3; // loops lie high above each other
+        const PlyModel model = geometry.plies(packed.warnings);
         spent.pattern_seconds = stage.lap();
         const FabricMaps maps = project_plies(model, size, samples_for(size));
         count_cover(maps, types, packed);
         spent.maps_seconds = stage.lap();
         for (int s = 0; s < 2; ++s) {
             PackedSide& side = packed.side[s];
-            side.horizons = horizon_knots({size, tile_m, &maps.side[s].height_m});
+            side.horizons = horizon_knots({size, geometry.tile_m, &maps.side[s].height_m});
             std::vector<glm::vec2> shown = maps.side[s].slope; // as stored: gaps are flat
             for (std::size_t i = 0; i < shown.size(); ++i)
                 if (maps.gap[i]) shown[i] = glm::vec2(0);
@@ -179,26 +203,18 @@ VisibilityError measure_visibility(const PackedFabric& fabric, int directions, i
     error.texels = texels;
     if (fabric.visibility == VisibilityKind::exact) return error; // it is its own yardstick
 
-    const glm::ivec2 size = fabric.size, half = size / 2;
+    const glm::ivec2 size = fabric.size;
+    const cloth::f32::ClothMaps maps = maps_of(fabric);
+    cloth::f32::ClothSettings settings = full_model;
+    if (fabric.visibility != VisibilityKind::horizon8) settings.visibility = cloth::f32::cloth_visibility_asg;
     std::vector<double> sums(static_cast<std::size_t>(texels), 0.0);
-    for (const PackedSide& side : fabric.side) {
-        const HeightField field{size, fabric.tile_m, &side.heights_m};
+    for (int side = 0; side < 2; ++side) {
+        const HeightField field{size, fabric.tile_m, &fabric.side[side].heights_m};
         const glm::vec2 range_m = height_range(field);
         tbb::parallel_for(0, texels, [&](int t) {
             // Texels and directions on golden-ratio lattices: even cover, no seed.
             const double u = (t + 0.5) / texels, v = std::fmod(0.6180339887498949 * t, 1.0);
             const int x = static_cast<int>(u * size.x), y = static_cast<int>(v * size.y);
-            const auto block = [&](int X, int Y) {
-                X = (X + half.x) % half.x, Y = (Y + half.y) % half.y;
-                return side.horizons[static_cast<std::size_t>(Y) * static_cast<std::size_t>(half.x) +
-                                     static_cast<std::size_t>(X)];
-            };
-            const int X = (x + 1) / 2 - 1, Y = (y + 1) / 2 - 1; // lower corner of the four blocks around the texel
-            cloth::f32::ClothHorizon horizon{block(X, Y),
-                                             block(X + 1, Y),
-                                             block(X, Y + 1),
-                                             block(X + 1, Y + 1),
-                                             {x % 2 ? 0.25f : 0.75f, y % 2 ? 0.25f : 0.75f}};
             double sum = 0;
             for (int d = 0; d < directions; ++d) {
                 const float z = (static_cast<float>(d) + 0.5f) / static_cast<float>(directions),
@@ -207,11 +223,7 @@ VisibilityError measure_visibility(const PackedFabric& fabric, int directions, i
                 const float s = march_horizon(field, range_m, glm::vec2(x, y) + 0.5f, azimuth);
                 const float exact = z > s ? 1.0f : 0.0f;
                 const glm::vec3 direction(r * std::cos(azimuth), r * std::sin(azimuth), z);
-                const std::size_t record =
-                    2 * (static_cast<std::size_t>(y) * static_cast<std::size_t>(size.x) + static_cast<std::size_t>(x));
-                const float got = side.asg.empty() ? cloth::f32::cloth_horizon_visibility(horizon, direction)
-                                                   : cloth::f32::cloth_asg_visibility(side.asg[record],
-                                                                                      side.asg[record + 1], direction);
+                const float got = cloth::f32::cloth_visibility_at(maps, side, {x, y}, direction, settings);
                 sum += static_cast<double>((got - exact) * (got - exact));
             }
             sums[static_cast<std::size_t>(t)] += sum;

@@ -42,7 +42,7 @@ glm::dvec3 slab_albedo(double alpha_r, double alpha_t, double thickness, double 
 
 SlabTable slab_table(const YarnSpec& spec)
 {
-    constexpr double degrees = 57.29577951308232, extreme_deg[SlabTable::extremes] = {0, 85, 89};
+    constexpr double extreme_deg[SlabTable::extremes] = {0, 85, 89};
     const double alpha_r = double(spec.roughness),
                  alpha_t = double(spec.roughness_transmission.value_or(spec.roughness));
     SlabTable table;
@@ -51,12 +51,12 @@ SlabTable slab_table(const YarnSpec& spec)
         for (int b = 0; b < SlabTable::turns; ++b) {
             const bool share = a < SlabTable::shares;
             const double c_o = share ? std::sqrt((a + 0.5) / SlabTable::shares)
-                                     : std::cos(extreme_deg[a - SlabTable::shares] / degrees);
+                                     : std::cos(glm::radians(extreme_deg[a - SlabTable::shares]));
             // Extremes along and across the fibre, too.
             const double turn = (share ? b + 0.5 : b * 1.5) / SlabTable::turns * 90;
             SlabTable::Row& row = table.rows[a * SlabTable::turns + b];
-            row.angle_deg = std::acos(c_o) * degrees;
-            row.albedo = slab_albedo(alpha_r, alpha_t, double(spec.thickness), c_o, std::sin(turn / degrees));
+            row.angle_deg = glm::degrees(std::acos(c_o));
+            row.albedo = slab_albedo(alpha_r, alpha_t, double(spec.thickness), c_o, std::sin(glm::radians(turn)));
             if (share) mean += row.albedo.x / (SlabTable::shares * SlabTable::turns);
         }
     table.reflectance = float(mean);
@@ -83,12 +83,18 @@ glm::vec2 rescattered_share(float thickness)
     return {all * reflected, all * (1 - reflected)};
 }
 
+// R1 + T1 in one channel of what is seen from a row's direction.
+static double scattered_once(const cloth::f32::ClothYarn& yarn, const SlabTable::Row& row, int channel)
+{
+    return double(yarn.albedo_r[channel]) * row.albedo.x + double(yarn.albedo_t[channel]) * row.albedo.y;
+}
+
 YarnEnergy most_sent_out(const cloth::f32::ClothYarn& yarn, const SlabTable& slab)
 {
     YarnEnergy worst;
     for (const SlabTable::Row& row : slab.rows)
         for (int c = 0; c < 3; ++c) {
-            const double once = double(yarn.albedo_r[c]) * row.albedo.x + double(yarn.albedo_t[c]) * row.albedo.y;
+            const double once = scattered_once(yarn, row, c);
             const double diffuse = double(yarn.diffuse_r[c]) + double(yarn.diffuse_t[c]);
             if (once + diffuse + row.albedo.z > worst.most)
                 worst = {once + diffuse + row.albedo.z, row.angle_deg, c, once, diffuse, row.albedo.z};
@@ -112,8 +118,7 @@ cloth::f32::ClothYarn shade_yarn(const YarnSpec& spec, glm::vec3 tint, const Sla
             const float reflected = share.x * kept(yarn.albedo_r[c]), transmitted = share.y * kept(yarn.albedo_t[c]);
             double room = 1;
             for (const SlabTable::Row& row : slab.rows)
-                room = std::min(room, 1 - row.albedo.z - double(yarn.albedo_r[c]) * row.albedo.x -
-                                          double(yarn.albedo_t[c]) * row.albedo.y);
+                room = std::min(room, 1 - row.albedo.z - scattered_once(yarn, row, c));
             const float scale = float(std::clamp(room / std::max(double(reflected + transmitted), 1e-9), 0.0, 1.0));
             yarn.diffuse_r[c] = scale * reflected;
             yarn.diffuse_t[c] = scale * transmitted;

@@ -25,9 +25,10 @@ struct ClothSettings {
 // Candidates of the resampling: bias 1.1 % at four [6.4.2]; stratified here, which only lowers it.
 CLOTH_CONST int cloth_candidates = 4;
 CLOTH_CONST real cloth_area_min  = real(0.02);   // floor of A_G in the paper's form [6.2]
-// The march of the view ray: its step near the surface in texels, so that no ply (10 texels and more) is stepped over; four
-// of them where a bound says that nothing is near; and the most steps, longer ways get longer ones.
-CLOTH_CONST real cloth_march_step = real(cloth_bound_cell) / real(4);
+// The march of the view ray: its step near the surface, so that no ply (10 texels and more) is stepped over; as many at once
+// as a bound is good for where it says that nothing is near; and the most steps, longer ways get longer ones.
+CLOTH_CONST real cloth_march_leap = real(4);                                       // steps
+CLOTH_CONST real cloth_march_step = real(cloth_bound_cell) / cloth_march_leap;     // [texels]
 CLOTH_CONST int cloth_march_steps = 96;
 
 // Where a ray meets the cloth, in tiles of the fabric: centre and extent of one pixel step.
@@ -78,18 +79,17 @@ CLOTH_FN real2 cloth_march(CLOTH_IN(ClothMaps) maps, int side, real2 tile, real3
 {
     real low  = side == 0 ? maps.height_low.x : maps.height_low.y;
     real high = side == 0 ? maps.height_high.x : maps.height_high.y;
-    // Heights z in units of the map, 0 at `low`; the ray is at `start` + `run` z, in texels.
-    real2 size  = real2(maps.size);
-    real2 way   = real2(o.x, o.y) / o.z / maps.tile_m * size;   // texels per metre of height
-    real2 start = (tile - floor(tile)) * size + way * low;
+    // Heights z in units of the map, 0 at `low`; the ray is at `start` + `run` z, in tiles.
+    real2 way   = real2(o.x, o.y) / o.z / maps.tile_m;   // per metre of height
+    real2 start = tile + way * low;
     real2 run   = way * ((high - low) / cloth_height_top);
-    real texels = max(abs(run.x), abs(run.y)) * cloth_height_top;
+    real texels = max(abs(run.x) * real(maps.size.x), abs(run.y) * real(maps.size.y)) * cloth_height_top;
     real step   = cloth_height_top / clamp(ceil(texels / cloth_march_step), real(1), real(cloth_march_steps));
     real above  = cloth_height_top + step * (real(1) - u);      // known to be over the surface; the first step ends in the relief
     real below  = real(0);
     for (int k = 0; k < cloth_march_steps && above > step; ++k) {
-        if (cloth_height_bound(maps, side, start + run * above) < above - real(4) * step) {
-            above = above - real(4) * step;
+        if (cloth_height_bound(maps, side, start + run * above) < above - cloth_march_leap * step) {
+            above = above - cloth_march_leap * step;
             continue;
         }
         real z = above - step;
@@ -105,7 +105,7 @@ CLOTH_FN real2 cloth_march(CLOTH_IN(ClothMaps) maps, int side, real2 tile, real3
         else above = z;
     }
     // Half way: of a wall between two texels each gets its half. Below alone, crests would be seen too often (2 % too bright).
-    return (start + run * (real(0.5) * (above + below))) / size;
+    return start + run * (real(0.5) * (above + below));
 }
 
 // Draws the point that the ray sees.

@@ -25,11 +25,6 @@ CLOTH_FN ivec2 cloth_texel_at(CLOTH_IN(ClothMaps) maps, real2 tile)   // nearest
     return ivec2(min(int(f.x * real(maps.size.x)), maps.size.x - 1), min(int(f.y * real(maps.size.y)), maps.size.y - 1));
 }
 
-CLOTH_FN ivec2 cloth_texel_at_texels(CLOTH_IN(ClothMaps) maps, real2 texel)   // the same of a position in texels
-{
-    return cloth_texel_at(maps, texel / real2(maps.size));   // texel - size * floor(.) would leave the map at 1e9 texels
-}
-
 CLOTH_FN bool cloth_texel_is_gap(uvec2 word)
 {
     return (word.y & 0x800000u) != 0u;
@@ -83,17 +78,17 @@ CLOTH_FN ClothHorizon cloth_horizon(CLOTH_IN(ClothMaps) maps, int side, ivec2 xy
                         cloth_fetch_horizon(maps, side, ivec2(x0, y1)), cloth_fetch_horizon(maps, side, ivec2(x1, y1)), h - base);
 }
 
-// Height at a position in texels, in units of the map: 0 lowest, cloth_height_top highest; periodic, flat within a texel.
+// Height at a position in tiles, in units of the map: 0 lowest, cloth_height_top highest; periodic, flat within a texel.
 CLOTH_CONST real cloth_height_top = real(65535);
-CLOTH_FN real cloth_height(CLOTH_IN(ClothMaps) maps, int side, real2 texel)
+CLOTH_FN real cloth_height(CLOTH_IN(ClothMaps) maps, int side, real2 tile)
 {
-    return real(cloth_fetch_height(maps, side, cloth_texel_at_texels(maps, texel)));
+    return real(cloth_fetch_height(maps, side, cloth_texel_at(maps, tile)));
 }
 
 // A height that no point within cloth_bound_cell texels of a position is above, in the same units.
-CLOTH_FN real cloth_height_bound(CLOTH_IN(ClothMaps) maps, int side, real2 texel)
+CLOTH_FN real cloth_height_bound(CLOTH_IN(ClothMaps) maps, int side, real2 tile)
 {
-    return real(cloth_fetch_height_bound(maps, side, cloth_texel_at_texels(maps, texel) / cloth_bound_cell));
+    return real(cloth_fetch_height_bound(maps, side, cloth_texel_at(maps, tile) / cloth_bound_cell));
 }
 
 // Mean slopes (sx, sy) of the 2^level block around a position in tiles; level 0 is the texel, the last level the tile [7].

@@ -32,7 +32,14 @@ nlohmann::json model_json(const ModelSpec& model);
 
 // The programs' options: --mode, --bsdf, --visibility. After parsing, `overrides` begins with what they say.
 struct ModelOptions {
-    std::string mode, bsdf, visibility;          // empty: as the scene says
+    std::string mode, bsdf, visibility;        // empty: as the scene says
+    template <class App> void add_to(App& app) // a CLI::App
+    {
+        app.add_option("--mode", mode,
+                       "ours (default), paper, jin: all ingredients of the model; single ones by -D model.KEY=value");
+        app.add_option("--bsdf", bsdf, "meso (default), micro (the ply-level baseline without shadowing and masking)");
+        app.add_option("--visibility", visibility, "horizon8 (default), asg, asg-lsq, none");
+    }
     void prepend_to(Overrides& overrides) const; // throws UsageError for an unknown word
 };
 

@@ -143,11 +143,7 @@ Options parse_options(int argc, char** argv, bool& done)
     app.add_option("--max-depth", options.max_depth,
                    "path: surfaces that scatter along a path, 1 to 1024 (default 32; 1 is direct)")
         ->check(between(1, 1024));
-    app.add_option("--mode", options.model.mode,
-                   "ours (default), paper, jin: all ingredients of the model; single ones by -D model.KEY=value");
-    app.add_option("--bsdf", options.model.bsdf,
-                   "meso (default), micro (the ply-level baseline without shadowing and masking)");
-    app.add_option("--visibility", options.model.visibility, "horizon8 (default), asg, asg-lsq, none");
+    options.model.add_to(app);
     app.add_option("--seed", options.seed, "of all random numbers (default 0)")->check(between(0, 4294967295.0));
     app.add_option("--threads", options.threads, "threads (default: all cores)")->check(between(1, 1024));
     app.add_option("--resolution", resolution, "WIDTH,HEIGHT instead of the scene's");

@@ -1,6 +1,7 @@
 """What all tests share. A skipped test counts as failed: a skip hides a missing piece and looks green."""
 import os
 import pathlib
+import subprocess
 import sys
 
 import pytest
@@ -69,6 +70,14 @@ def build(request):
 @pytest.fixture(scope="session")
 def shared_data():
     return DATA
+
+
+@pytest.fixture
+def bake(program, tmp_path):
+    """bake(arguments…) -> CompletedProcess of selvedge-bake, with a cache of its own."""
+    environment = os.environ | {"SELVEDGE_CACHE": str(tmp_path / "cache")}
+    return lambda *arguments: subprocess.run([program("bake"), *map(str, arguments)], capture_output=True, text=True, timeout=120,
+                                             env=environment, cwd=tmp_path)
 
 
 @pytest.fixture(scope="session")

@@ -2,9 +2,7 @@
 
 Seen red with the cache key missing the ply twist, with a JSON field renamed, and with exit status 1 for wrong usage."""
 import json
-import os
 import pathlib
-import subprocess
 
 import numpy as np
 import OpenEXR
@@ -13,14 +11,6 @@ import pytest
 
 ROOT = pathlib.Path(__file__).resolve().parents[1]
 FABRICS = sorted(path for path in (ROOT / "assets" / "fabrics").glob("*.json") if ".schema." not in path.name)
-
-
-@pytest.fixture
-def bake(program, tmp_path):
-    """bake(arguments…) -> CompletedProcess, with a cache of its own."""
-    environment = os.environ | {"SELVEDGE_CACHE": str(tmp_path / "cache")}
-    return lambda *arguments: subprocess.run([program("bake"), *map(str, arguments)], capture_output=True, text=True, timeout=120,
-                                             env=environment, cwd=tmp_path)
 
 
 @pytest.fixture

@@ -3,7 +3,6 @@
 Seen red with k2tog's stitches in the wrong order, a purl face that showed legs, and plies that missed each other where the
 yarn closes. Geometry is tested in cpp/knit_test.cpp."""
 import json
-import os
 import pathlib
 import subprocess
 
@@ -14,14 +13,6 @@ import pytest
 
 ROOT = pathlib.Path(__file__).resolve().parents[1]
 STRUCTURES = ("jersey", "reverse jersey", "rib 1x1", "rib 2x2", "garter", "seed", "moss", "interlock", "eyelet lace", "cable 4")
-
-
-@pytest.fixture
-def bake(program, tmp_path):
-    """bake(arguments…) -> CompletedProcess, with a cache of its own."""
-    environment = os.environ | {"SELVEDGE_CACHE": str(tmp_path / "cache")}
-    return lambda *arguments: subprocess.run([program("bake"), *map(str, arguments)], capture_output=True, text=True, timeout=300,
-                                             env=environment, cwd=tmp_path)
 
 
 @pytest.fixture

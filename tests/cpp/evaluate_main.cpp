@@ -7,20 +7,13 @@
 #include <vector>
 
 #include "cloth_bsdf.hpp"
+#include "tests/cpp/row_readers.hpp"
 
 namespace
 {
 
-const double* row_in;
-double* row_out;
-
-// The words of TABLES, in its order; see Tables.write in tests/evaluate.py.
-struct Tables {
-    glm::ivec2 size{0}, environment_size{0};
-    std::vector<glm::uvec2> texels[2], horizons[2], alias;
-    std::vector<glm::uint> mips[2];
-    std::vector<float> yarns, lights, environment;
-} tables;
+// As tests/evaluate.py writes them: see Tables.write there.
+RowTables tables;
 
 template <class Item> void read_items(std::FILE* file, std::vector<Item>& items)
 {
@@ -57,60 +50,23 @@ struct Row {
 
 } // namespace
 
-// Each precision has its own tables, readers and rows; the text of the rows is one.
-#define ROWS_IN_PRECISION                                                                                              \
-    namespace                                                                                                          \
-    {                                                                                                                  \
-    std::vector<ClothYarn> yarn_table;                                                                                 \
-    std::vector<ClothLight> light_table;                                                                               \
-    std::vector<real4> environment_table;                                                                              \
-    inline real in1(int k)                                                                                             \
-    {                                                                                                                  \
-        return static_cast<real>(row_in[k]);                                                                           \
-    }                                                                                                                  \
-    inline void out1(int k, real v)                                                                                    \
-    {                                                                                                                  \
-        row_out[k] = static_cast<double>(v);                                                                           \
-    }                                                                                                                  \
-    ClothMaps in_maps()                                                                                                \
-    {                                                                                                                  \
-        ClothMaps maps;                                                                                                \
-        maps.size = tables.size;                                                                                       \
-        for (int side = 0; side < 2; ++side) {                                                                         \
-            maps.texels[side] = tables.texels[side].data();                                                            \
-            maps.horizons[side] = tables.horizons[side].data();                                                        \
-            maps.mips[side] = tables.mips[side].data();                                                                \
-        }                                                                                                              \
-        maps.yarns = yarn_table.data();                                                                                \
-        return maps;                                                                                                   \
-    }                                                                                                                  \
-    ClothLights in_lights()                                                                                            \
-    {                                                                                                                  \
-        ClothLights lights;                                                                                            \
-        lights.count = static_cast<int>(light_table.size());                                                           \
-        lights.environment_size = tables.environment_size;                                                             \
-        lights.lights = light_table.data();                                                                            \
-        lights.environment = environment_table.data();                                                                 \
-        lights.alias = tables.alias.data();                                                                            \
-        return lights;                                                                                                 \
-    }                                                                                                                  \
-    }
+const RowTables& row_tables()
+{
+    return tables;
+}
 
 namespace cloth::f32
 {
-ROWS_IN_PRECISION
+ROW_READERS
 #include "tests/shared_inputs.h"
-#define ROW(name, inputs, outputs, ...)                                                                                \
-    static void row_##name()                                                                                           \
-    {                                                                                                                  \
-        __VA_ARGS__                                                                                                    \
-    }
+ROW_TABLES
 #include "tests/shared_rows.h"
 } // namespace cloth::f32
 namespace cloth::f64
 {
-ROWS_IN_PRECISION
+ROW_READERS
 #include "tests/shared_inputs.h"
+ROW_TABLES
 #include "tests/shared_rows.h"
 } // namespace cloth::f64
 #undef ROW
@@ -124,30 +80,6 @@ const Row rows[] = {
 #undef ROW
 };
 
-// Yarns and lights travel as rows of numbers, as the rows themselves read them.
-template <class Yarn, class Read>
-void read_structs(std::vector<Yarn>& out, const std::vector<float>& numbers, int width, Read read)
-{
-    std::vector<double> wide(numbers.begin(), numbers.end());
-    for (std::size_t first = 0; first + static_cast<std::size_t>(width) <= wide.size();
-         first += static_cast<std::size_t>(width)) {
-        row_in = wide.data() + first;
-        out.push_back(read());
-    }
-}
-
-void fill_tables()
-{
-    read_structs(cloth::f32::yarn_table, tables.yarns, 17, [] { return cloth::f32::in_yarn(0); });
-    read_structs(cloth::f64::yarn_table, tables.yarns, 17, [] { return cloth::f64::in_yarn(0); });
-    read_structs(cloth::f32::light_table, tables.lights, 19, [] { return cloth::f32::in_light(0); });
-    read_structs(cloth::f64::light_table, tables.lights, 19, [] { return cloth::f64::in_light(0); });
-    read_structs(cloth::f32::environment_table, tables.environment, 4,
-                 [] { return glm::vec4(cloth::f32::in3(0), cloth::f32::in1(3)); });
-    read_structs(cloth::f64::environment_table, tables.environment, 4,
-                 [] { return glm::dvec4(cloth::f64::in3(0), cloth::f64::in1(3)); });
-}
-
 } // namespace
 
 int main(int argc, char** argv)
@@ -159,7 +91,8 @@ int main(int argc, char** argv)
     for (const Row& row : rows) {
         if (std::strcmp(row.name, argv[1]) != 0) continue;
         if (argc == 4) read_tables(argv[3]);
-        fill_tables();
+        cloth::f32::fill_tables();
+        cloth::f64::fill_tables();
         std::vector<double> in(static_cast<std::size_t>(row.inputs)), out(static_cast<std::size_t>(row.outputs));
         while (std::fread(in.data(), sizeof(double), in.size(), stdin) == in.size()) {
             row_in = in.data();

@@ -56,7 +56,7 @@ class ReliefTruth
         double passes = 0; // the eye looks through a gap
     };
 
-    ReliefTruth(const PackedFabric& fabric, int side) : cloth(fabric), side(side), size(fabric.size)
+    ReliefTruth(const PackedFabric& fabric, int of_side) : cloth(fabric), side(of_side), size(fabric.size)
     {
         const auto& heights = fabric.side[side].heights_m;
         const auto [low, high] = std::minmax_element(heights.begin(), heights.end());

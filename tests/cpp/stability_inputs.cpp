@@ -550,7 +550,7 @@ Kind number_kind(double (*of)(Draw&))
 
 Kind light_kind(int lowest, int highest)
 {
-    return {light_numbers, true, [=](Draw& draw, Writer& out, Context& context) {
+    return {row_light_numbers, true, [=](Draw& draw, Writer& out, Context& context) {
                 put_light(draw, out, context, draw.whole(lowest, highest));
             }};
 }
@@ -633,7 +633,9 @@ const std::map<std::string_view, Kind>& kinds()
           }}},
         {"texel",
          {2, false,
-          [](Draw& d, Writer& o, Context&) { o.put(d.whole(tables().size.x)), o.put(d.whole(tables().size.y)); }}},
+          [](Draw& d, Writer& o, Context&) {
+              o.put(d.whole(row_tables().size.x)), o.put(d.whole(row_tables().size.y));
+          }}},
         {"base",
          {2, false,
           [](Draw& d, Writer& o, Context&) { o.put(d.whole(-1000000, 1000000)), o.put(d.whole(-1000000, 1000000)); }}},
@@ -646,7 +648,7 @@ const std::map<std::string_view, Kind>& kinds()
               for (const int count : {2, 4, 3, 2, 2, 2, 2}) o.put(d.whole(count));
           }}},
         {"point", {11, true, [](Draw& d, Writer& o, Context& c) { put_point(d, o, c); }}},
-        {"yarn", {yarn_numbers, true, [](Draw& d, Writer& o, Context&) { put_yarn(d, o); }}},
+        {"yarn", {row_yarn_numbers, true, [](Draw& d, Writer& o, Context&) { put_yarn(d, o); }}},
         {"horizon",
          {18, true,
           [](Draw& d, Writer& o, Context&) {
@@ -682,9 +684,9 @@ const std::map<std::string_view, Kind>& kinds()
                   o.put(remember(c.position, place(d, *c.position, *c.direction)));
               } else {
                   // One of the table's lights: they are what cloth_direct will choose from.
-                  const std::vector<float>& lights = tables().lights;
+                  const std::vector<float>& lights = row_tables().lights;
                   const float* light =
-                      lights.data() + light_numbers * d.whole(static_cast<int>(lights.size()) / light_numbers);
+                      lights.data() + row_light_numbers * d.whole(static_cast<int>(lights.size()) / row_light_numbers);
                   o.put(place(d, Vec(light[2], light[3], light[4]), Vec(light[5], light[6], light[7])));
               }
           }}},
@@ -810,9 +812,9 @@ const char* const signatures[] = {
     "camera_sample: triangle ray fabric settings base random > whole whole whole colour",
 };
 
-Tables make_tables()
+RowTables make_tables()
 {
-    Tables t;
+    RowTables t;
     t.size = {48, 32};
     Draw draw(stream_of("tables"), 0);
     const int count = t.size.x * t.size.y;
@@ -876,20 +878,20 @@ Tables make_tables()
         asg.put(glm::dvec2(draw.log(0.1, 10), 0));
     }
     t.asg.assign(numbers.begin(), numbers.end());
-    numbers.resize(8 * yarn_numbers);
+    numbers.resize(8 * row_yarn_numbers);
     Writer yarns(numbers.data());
     for (int k = 0; k < 8; ++k) put_yarn(draw, yarns);
     t.yarns.assign(numbers.begin(), numbers.end());
 
     const int lights = 48;
-    numbers.resize(static_cast<std::size_t>(lights * light_numbers));
+    numbers.resize(static_cast<std::size_t>(lights * row_light_numbers));
     Writer writer(numbers.data());
     Context context;
     for (int k = 0; k < lights; ++k)
         put_light(draw, writer, context, k % 6); // the environment, where there is one, comes first
     double total = 0;
-    for (int k = 0; k < lights; ++k) total += numbers[static_cast<std::size_t>(k * light_numbers + 1)];
-    for (int k = 0; k < lights; ++k) numbers[static_cast<std::size_t>(k * light_numbers + 1)] /= total;
+    for (int k = 0; k < lights; ++k) total += numbers[static_cast<std::size_t>(k * row_light_numbers + 1)];
+    for (int k = 0; k < lights; ++k) numbers[static_cast<std::size_t>(k * row_light_numbers + 1)] /= total;
     t.lights.assign(numbers.begin(), numbers.end());
 
     t.environment_size = {32, 16};
@@ -910,12 +912,6 @@ Tables make_tables()
 }
 
 } // namespace
-
-const Tables& tables()
-{
-    static const Tables made = make_tables();
-    return made;
-}
 
 Signature signature_of(std::string_view function, int inputs, int outputs)
 {
@@ -989,3 +985,9 @@ void move_inputs(const Signature& signature, std::uint64_t index, std::uint64_t 
 }
 
 } // namespace stability
+
+const RowTables& row_tables()
+{
+    static const RowTables made = stability::make_tables();
+    return made;
+}

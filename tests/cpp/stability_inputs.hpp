@@ -1,30 +1,15 @@
 // Inputs that hunt trouble: for each kind of argument of the shared functions a distribution that seeks its edges, and
-// the tables (maps of a fabric, lights) that functions read. All of it follows from (function, index) by a
-// counter-based hash.
+// the tables (maps of a fabric, lights) that functions read: row_tables(), made on first use, the same in every run.
+// All of it follows from (function, index) by a counter-based hash.
 #pragma once
 #include <cstdint>
 #include <string_view>
 #include <vector>
 
-#include <glm/glm.hpp>
+#include "tests/cpp/row_readers.hpp"
 
 namespace stability
 {
-
-// What cloth_fetch reads. Yarns (17) and lights (19) are rows of numbers in the order of tests/shared_inputs.h. Heights
-// and ASGs are the same for both sides.
-struct Tables {
-    glm::ivec2 size{0}, environment_size{0};
-    std::vector<glm::uvec2> texels[2], horizons[2], alias;
-    std::vector<glm::uint> mips[2];
-    std::vector<std::uint16_t> heights;
-    std::vector<float> asg, yarns, lights, environment;
-};
-
-// The one fabric and its lights; made on first use, the same in every run.
-const Tables& tables();
-
-constexpr int yarn_numbers = 17, light_numbers = 19;
 
 // How a group of outputs is judged.
 struct Output {

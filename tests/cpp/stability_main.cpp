@@ -296,7 +296,7 @@ template <class Item> void write(const std::vector<Item>& items)
 
 void write_tables()
 {
-    const Tables& t = tables();
+    const RowTables& t = row_tables();
     write(std::vector<int>{t.size.x, t.size.y, t.environment_size.x, t.environment_size.y});
     for (const auto& side : t.texels) write(side);
     for (const auto& side : t.horizons) write(side);
