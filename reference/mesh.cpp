@@ -552,8 +552,8 @@ SourceMesh make_shape(const std::string& name, int divisions, std::vector<std::s
     return load_mesh(assets_folder() + "/meshes/" + name + ".ply", true, warnings);
 }
 
-Mesh place_mesh(const SourceMesh& source, const glm::dmat4& to_world, glm::dvec2 tiles_per_uv, const std::string& name,
-                std::vector<std::string>& warnings)
+Mesh place_mesh(const SourceMesh& source, const glm::dmat4& to_world, const glm::dmat2& tiles_from_uv,
+                const std::string& name, std::vector<std::string>& warnings)
 {
     const glm::dmat3 turn(to_world);
     const double determinant = glm::determinant(turn);
@@ -591,7 +591,7 @@ Mesh place_mesh(const SourceMesh& source, const glm::dmat4& to_world, glm::dvec2
         mesh.triangles.push_back(mirrored ? glm::uvec3(i.x, i.z, i.y) : i);
         glm::dvec2 tile[3] = {};
         if (!source.corner_uv.empty())
-            for (std::size_t k = 0; k < 3; ++k) tile[k] = glm::dvec2(source.corner_uv[3 * t + k]) * tiles_per_uv;
+            for (std::size_t k = 0; k < 3; ++k) tile[k] = tiles_from_uv * glm::dvec2(source.corner_uv[3 * t + k]);
         if (mirrored) std::swap(tile[1], tile[2]);
         const glm::dvec2 base = glm::floor(glm::min(tile[0], glm::min(tile[1], tile[2])));
         constexpr double base_limit = 1e9;

@@ -39,9 +39,9 @@ std::string assets_folder();
 
 // World space, UV in tiles. Triangles without area are left out (one warning with their count); a mirroring transform
 // turns the winding around, so that the front stays the front.
-//   tiles_per_uv  repeats of the fabric per unit of u and v; 0 for matte
-//   throws        InputError: nothing is left, or positions overflow
-Mesh place_mesh(const SourceMesh& source, const glm::dmat4& to_world, glm::dvec2 tiles_per_uv, const std::string& name,
-                std::vector<std::string>& warnings);
+//   tiles_from_uv  from UV to repeats of the fabric; 0 for matte
+//   throws         InputError: nothing is left, or positions overflow
+Mesh place_mesh(const SourceMesh& source, const glm::dmat4& to_world, const glm::dmat2& tiles_from_uv,
+                const std::string& name, std::vector<std::string>& warnings);
 
 } // namespace selvedge

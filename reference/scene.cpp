@@ -344,7 +344,8 @@ class FabricShelf
 
 SceneObject read_object(const JsonValue& value, const Overrides& fabric_overrides, FabricShelf& shelf, Scene& scene)
 {
-    value.expect_object({"mesh", "shape", "translate", "rotate", "scale", "fabric", "matte", "uv_scale"});
+    value.expect_object(
+        {"mesh", "shape", "translate", "rotate", "scale", "fabric", "matte", "uv_scale", "uv_rotation"});
     if (value.has("mesh") == value.has("shape")) value.fail("expected either \"mesh\" or \"shape\"");
     if (value.has("fabric") && value.has("matte"))
         value.fail("found both \"fabric\" and \"matte\", expected one of them");
@@ -353,12 +354,16 @@ SceneObject read_object(const JsonValue& value, const Overrides& fabric_override
     const std::string shape =
         value.has("shape") ? value["shape"].choice({"plane", "sphere", "cylinder", "drape", "curtain"}) : std::string();
     object.name = value.key() + " (" + (shape.empty() ? value["mesh"].text() : shape) + ")";
-    glm::dvec2 tiles_per_uv(0.0);
+    glm::dmat2 tiles_from_uv(0.0);
     if (value.has("fabric")) {
         object.fabric = shelf.take(value["fabric"], fabric_overrides);
         const glm::dvec2 metres_per_uv =
             value.has("uv_scale") ? glm::dvec2(value["uv_scale"].number_or_vector2(1e-9, 1e6)) : glm::dvec2(1.0);
-        tiles_per_uv = metres_per_uv / glm::dvec2(scene.fabrics[std::size_t(object.fabric)].tile_m);
+        const double turn = value.number("uv_rotation", 0.0, -36000.0, 36000.0) * radians_per_degree;
+        const glm::dvec2 tile_m(scene.fabrics[std::size_t(object.fabric)].tile_m);
+        // The fabric turns from +u toward +v, so a place on the surface turns the other way in the fabric.
+        tiles_from_uv = {glm::dvec2(std::cos(turn), -std::sin(turn)) * metres_per_uv.x / tile_m,
+                         glm::dvec2(std::sin(turn), std::cos(turn)) * metres_per_uv.y / tile_m};
     } else if (value.has("matte")) {
         value["matte"].expect_object({"albedo"});
         if (value["matte"].has("albedo")) object.albedo = value["matte"]["albedo"].number_or_vector3(0.0, 1.0);
@@ -369,7 +374,7 @@ SceneObject read_object(const JsonValue& value, const Overrides& fabric_override
     const SourceMesh source = shape.empty() ? load_mesh(value["mesh"].file(), object.fabric >= 0, scene.warnings)
                                             : make_shape(shape, divisions, scene.warnings);
     object.mesh =
-        place_mesh(source, to_world, tiles_per_uv, shape.empty() ? value["mesh"].file() : object.name, scene.warnings);
+        place_mesh(source, to_world, tiles_from_uv, shape.empty() ? value["mesh"].file() : object.name, scene.warnings);
     return object;
 }
 

@@ -98,7 +98,7 @@ TEST_CASE("plane, sphere and cylinder have their area, face outward and carry th
     const char* names[] = {"plane", "sphere", "cylinder"};
     for (int k = 0; k < 3; ++k) {
         const Mesh mesh =
-            place_mesh(make_shape(names[k], 8, warnings), glm::dmat4(1.0), {1.0, 1.0}, names[k], warnings);
+            place_mesh(make_shape(names[k], 8, warnings), glm::dmat4(1.0), glm::dmat2(1.0), names[k], warnings);
         INFO(names[k]);
         CHECK(total_area(mesh) == Approx(expected[k]).epsilon(2e-3));
         for (std::size_t t = 0; t < mesh.triangles.size(); ++t) {
@@ -121,7 +121,7 @@ TEST_CASE("a mirroring transform keeps the front in front", "[scene][mesh]")
     std::vector<std::string> warnings;
     glm::dmat4 mirror(1.0);
     mirror[0][0] = -2.0;
-    const Mesh mesh = place_mesh(make_shape("plane", 4, warnings), mirror, {1.0, 1.0}, "plane", warnings);
+    const Mesh mesh = place_mesh(make_shape("plane", 4, warnings), mirror, glm::dmat2(1.0), "plane", warnings);
     for (const glm::uvec3 i : mesh.triangles)
         REQUIRE(glm::cross(mesh.positions[i.y] - mesh.positions[i.x], mesh.positions[i.z] - mesh.positions[i.x]).y >
                 0.0f);
@@ -132,13 +132,40 @@ TEST_CASE("tiles far from zero keep their digits", "[scene][mesh]")
 {
     std::vector<std::string> warnings;
     SourceMesh source = make_shape("plane", 32, warnings);
-    const Mesh mesh = place_mesh(source, glm::dmat4(1.0), {1e5 + 0.5, 1e5}, "plane", warnings);
+    const Mesh mesh = place_mesh(source, glm::dmat4(1.0), {1e5 + 0.5, 0.0, 0.0, 1e5}, "plane", warnings);
     for (const glm::vec2& tile : mesh.corner_tiles) REQUIRE(glm::max(tile.x, tile.y) < 3126.0f);
     for (std::size_t t = 0; t < mesh.triangles.size(); ++t)
         for (std::size_t k = 0; k < 3; ++k) {
             const glm::dvec2 whole = glm::dvec2(source.corner_uv[3 * t + k]) * glm::dvec2(1e5 + 0.5, 1e5);
             REQUIRE(std::abs(whole.x - double(mesh.tile_base[t].x) - double(mesh.corner_tiles[3 * t + k].x)) < 2e-4);
         }
+}
+
+TEST_CASE("a fabric turned by 90 degrees lays its warp along u", "[scene][mesh]")
+{
+    const Folder folder;
+    const std::string text = R"({"objects": [{"shape": "plane", "uv_scale": [0.2, 0.1], "uv_rotation": %d,
+        "fabric": {"name": "plain", "pattern": "plain 1/1", "resolution": 64, "warp": {"spacing": 0.001, "width": 0.0008},
+                   "weft": {"spacing": 0.0005, "width": 0.0004}}}]})";
+    const auto scene_at = [&](int degrees) {
+        std::string turned = text;
+        turned.replace(turned.find("%d"), 2, std::to_string(degrees));
+        return load_scene(folder.write("scene.json", turned));
+    };
+    const Scene straight = scene_at(0), turned = scene_at(90);
+    // A step of the plane's edge in u (0.2 m, 1/32 of it a cell) and in v (0.1 m), in metres of the fabric.
+    const auto metres = [](const Scene& scene, std::size_t corner) {
+        const Mesh& mesh = scene.objects[0].mesh;
+        return (glm::dvec2(mesh.corner_tiles[corner]) - glm::dvec2(mesh.corner_tiles[0])) *
+               glm::dvec2(scene.fabrics[0].tile_m);
+    };
+    for (const std::size_t corner : {1u, 2u}) {
+        const glm::dvec2 a = metres(straight, corner), b = metres(turned, corner);
+        REQUIRE(glm::length(a) > 0.003);
+        CHECK(b.x == Approx(a.y).margin(1e-7));  // what runs along v runs along the fabric's weft, x
+        CHECK(b.y == Approx(-a.x).margin(1e-7)); // the surface's +u is the fabric's -y, a warp
+    }
+    CHECK(straight.hash != turned.hash);
 }
 
 TEST_CASE("scene files are refused by file, line and key", "[scene]")
