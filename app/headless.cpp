@@ -12,6 +12,7 @@
 #include "app/options.hpp"
 #include "app/preview/context.hpp"
 #include "app/preview/preview.hpp"
+#include "app/preview/program_cache.hpp"
 #include "app/result.hpp"
 #include "bake/error.hpp"
 #include "bake/program.hpp"
@@ -141,6 +142,7 @@ int run_headless(const LookdevOptions& options)
     PreviewOptions preview_options;
     preview_options.seed = options.seed;
     preview_options.footprint_samples = options.footprint_samples;
+    preview_options.kept = options.kept;
     // Blocks are as long as the number of frames allows, at least 16 of them; where only the error is known, 16 frames
     // a block; where only the time is known, draw_frames() finds out.
     preview_options.planned = options.frames > 0 ? options.frames : options.target_error > 0 ? 256 : 0;
@@ -200,6 +202,7 @@ int run_headless(const LookdevOptions& options)
             {"peak_rss_bytes", static_cast<std::uint64_t>(usage.ru_maxrss) * 1024},
             {"buffer_bytes", preview.buffer_bytes()},
             {"skipped", preview.skipped()},
+            {"programs", {{"compiled", program_counts().compiled}, {"cached", program_counts().cached}}},
             {"gl",
              {{"renderer", context->info.renderer}, {"version", context->info.version}, {"backend", context->backend}}},
             {"frames", preview.frames()},

@@ -1,4 +1,5 @@
 // selvedge-lookdev: the OpenGL preview, in a window or headless. Exit 0 done, 1 input, I/O or GL failed, 2 wrong usage.
+#include <algorithm>
 #include <cmath>
 #include <cstdio>
 #include <cstdlib>
@@ -7,6 +8,7 @@
 #include <CLI/CLI.hpp>
 
 #include "app/options.hpp"
+#include "app/preview/needs.hpp"
 #include "app/window.hpp"
 #include "bake/error.hpp"
 #include "bake/image.hpp"
@@ -59,6 +61,13 @@ std::string gl_backends()
     return text;
 }
 
+std::string list_of(const std::vector<std::string>& words)
+{
+    std::string text;
+    for (const std::string& word : words) text += (text.empty() ? "" : ", ") + word;
+    return text;
+}
+
 // `later`: words of the contract that this version cannot do; they are refused, never taken for something else.
 int parse_word(const char* option, const std::string& word,
                std::initializer_list<std::pair<const char*, int>> available, const std::set<std::string>& later = {})
@@ -77,6 +86,7 @@ LookdevOptions parse_options(int argc, char** argv, bool& done)
     using namespace cloth::f32;
     LookdevOptions options;
     std::string resolution, backend = "auto", integrator = "direct";
+    std::vector<std::string> kept;
     ModelOptions model;
     bool version = false;
     CLI::App app("Shows a scene of cloth in a window that converges to the reference; --headless writes the picture.",
@@ -98,6 +108,10 @@ LookdevOptions parse_options(int argc, char** argv, bool& done)
     app.add_option("--footprint-samples", options.footprint_samples,
                    "shaded points of every pixel in a frame (default 1)")
         ->check(between(1, 64));
+    app.add_option("--keep", kept,
+                   "do a part's work whether the scene needs it or not, for comparison: " + list_of(skip_names()) +
+                       ", all; repeatable")
+        ->allow_extra_args(false);
     app.add_option("--seed", options.seed, "of all random numbers (default 0)")->check(between(0, 4294967295.0));
     app.add_option("-D", options.overrides,
                    "path.to.key=value: overrides a value of the scene or (fabric.KEY) its fabrics")
@@ -128,6 +142,15 @@ LookdevOptions parse_options(int argc, char** argv, bool& done)
     if (options.scene.empty()) throw UsageError("no scene, expected SCENE.json");
     if (!resolution.empty()) options.resolution = parse_resolution(resolution);
     options.backend = parse_backend(backend);
+    for (const std::string& name : kept) {
+        const std::vector<std::string>& known = skip_names();
+        if (name == "all")
+            options.kept.insert(known.begin(), known.end());
+        else if (std::find(known.begin(), known.end(), name) != known.end())
+            options.kept.insert(name);
+        else
+            throw UsageError("--keep: '%s' is unknown, expected one of %s, all", name.c_str(), list_of(known).c_str());
+    }
     parse_word("--integrator", integrator, {{"direct", 0}}, {"path"});
     model.prepend_to(options.overrides);
     const bool stops = options.frames > 0 || options.time_s > 0 || options.target_error > 0;

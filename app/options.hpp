@@ -5,6 +5,7 @@
 #include <cstdint>
 #include <map>
 #include <optional>
+#include <set>
 #include <string>
 #include <vector>
 
@@ -21,6 +22,7 @@ struct LookdevOptions {
     Overrides overrides;
     std::optional<glm::ivec2> resolution; // absent: the scene's
     int footprint_samples = 1;
+    std::set<std::string> kept; // parts that are done whether the scene needs them or not
     std::uint32_t seed = 0;
     bool json = false, quiet = false;
 

@@ -180,6 +180,7 @@ class Window
         PreviewOptions wanted;
         wanted.seed = options.seed;
         wanted.footprint_samples = view.footprint_samples;
+        wanted.kept = options.kept;
         return wanted;
     }
 

@@ -17,4 +17,6 @@ CLOTH_BLOCK(Frame) {
     uvec4 random;           // x seed of the block of samples; y sample inside the block; z footprint samples a frame
     ivec4 depth;            // x 1: depth range is [0, 1]
     ivec4 lights;           // x count; yz size of the environment; w nodes of the BVH
+    ivec4 model;            // bsdf, weight, visibility, slab: where the shader does not have them as constants
+    ivec4 ingredients;      // x unscattered; y interreflection; z twist noise: 1 or 0, likewise
 } CLOTH_BLOCK_END(frame);

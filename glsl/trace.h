@@ -1,5 +1,7 @@
 // Shadow rays against the scene's BVH in buffer textures. GLSL only; roots include it after scene_buffers.h.
+//   SHADOWS  something may be in the way   GAPS  what is in the way may let light through
 
+#ifdef SHADOWS
 uniform usamplerBuffer bvh_nodes;       // RGBA32UI, two texels a node: low xyz, skip | high xyz, leaf: first * 8 + count, 0 inner
 uniform usamplerBuffer bvh_triangles;   // RGBA32UI, three texels a triangle, in leaf order: p0, object | e1, triangle | e2, gaps
 
@@ -68,3 +70,9 @@ float transmittance(vec3 origin, vec3 direction, float distance)
     }
     return share;
 }
+#else
+float transmittance(vec3 origin, vec3 direction, float distance)
+{
+    return 1.0;
+}
+#endif

@@ -170,6 +170,11 @@ ran out above the error, and that the last points' slope and cost per sample wer
 What each ingredient of the model gains and costs; the tables and how they were measured are in [ingredients.md](ingredients.md). Here are the
 worst fabrics' figures: accuracy of visibility against exact rays; error of the effective reflectance of close-ups at 75 degrees
 against path tracing of the relief, all bounces for our mode, the first for the paper's; and time a sample over that of `micro`.""",
+    "preview": """\
+What the preview costs and saves, with software OpenGL unless the line above names a card. A frame is one sample of every pixel.
+*specialised_over_general*: time of the program that the scene needs over that of the one that can do everything (`--keep all`), which draws
+the same bits. *gain*: time with a part done in vain over time without it. *off_over_stripped*: a scene that needs nothing against a shader
+written by hand for it (`tests/bench/stripped_shade.frag`). *max_bias*, *max_z_outliers*: against the reference, worst channel and scene.""",
     "stability": """\
 Every shared function on inputs that hunt trouble; errors by function, and what the figures mean, are in [stability.md](stability.md).""",
 }

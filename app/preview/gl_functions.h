@@ -43,6 +43,7 @@
     X(PFNGLGENVERTEXARRAYSPROC, GenVertexArrays)                                                                       \
     X(PFNGLGETERRORPROC, GetError)                                                                                     \
     X(PFNGLGETINTEGERVPROC, GetIntegerv)                                                                               \
+    X(PFNGLGETPROGRAMBINARYPROC, GetProgramBinary)                                                                     \
     X(PFNGLGETPROGRAMINFOLOGPROC, GetProgramInfoLog)                                                                   \
     X(PFNGLGETPROGRAMIVPROC, GetProgramiv)                                                                             \
     X(PFNGLGETSHADERINFOLOGPROC, GetShaderInfoLog)                                                                     \
@@ -53,6 +54,8 @@
     X(PFNGLGETUNIFORMLOCATIONPROC, GetUniformLocation)                                                                 \
     X(PFNGLLINKPROGRAMPROC, LinkProgram)                                                                               \
     X(PFNGLPIXELSTOREIPROC, PixelStorei)                                                                               \
+    X(PFNGLPROGRAMBINARYPROC, ProgramBinary)                                                                           \
+    X(PFNGLPROGRAMPARAMETERIPROC, ProgramParameteri)                                                                   \
     X(PFNGLREADBUFFERPROC, ReadBuffer)                                                                                 \
     X(PFNGLREADPIXELSPROC, ReadPixels)                                                                                 \
     X(PFNGLSHADERSOURCEPROC, ShaderSource)                                                                             \

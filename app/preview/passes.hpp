@@ -8,6 +8,7 @@
 #include <glm/glm.hpp>
 
 #include "gl.hpp"
+#include "needs.hpp"
 #include "scene_buffers.hpp"
 #include "shader_source.hpp"
 #include "targets.hpp"
@@ -22,7 +23,8 @@ using namespace glm;
 static_assert(offsetof(Frame, camera_position) == 0 && offsetof(Frame, camera_forward) == 16);
 static_assert(offsetof(Frame, camera_right) == 32 && offsetof(Frame, camera_up) == 48);
 static_assert(offsetof(Frame, film) == 64 && offsetof(Frame, random) == 80);
-static_assert(offsetof(Frame, depth) == 96 && offsetof(Frame, lights) == 112 && sizeof(Frame) == 128);
+static_assert(offsetof(Frame, depth) == 96 && offsetof(Frame, lights) == 112);
+static_assert(offsetof(Frame, model) == 128 && offsetof(Frame, ingredients) == 144 && sizeof(Frame) == 160);
 } // namespace block
 
 class Passes
@@ -30,8 +32,8 @@ class Passes
   public:
     explicit Passes(const GlInfo& info);
 
-    // Compiles what the scene needs and is not compiled yet.
-    void choose(const SceneBuffers& buffers, const Scene& scene, int footprint_samples);
+    // From now on the programs have what the scene needs; they are compiled when they are first drawn with.
+    void choose(const Needs& needs);
     void set_frame(const block::Frame& frame);
 
     void visibility(Targets& targets, const SceneBuffers& buffers);
@@ -41,15 +43,20 @@ class Passes
     void present(const Targets& targets, glm::ivec2 corner, glm::ivec2 size, float block_weight, float mean_weight,
                  float exposure);
 
-    bool rebuild_if_changed(std::string& complaint); // true: at least one program is another one now
+    bool rebuild_if_changed(); // true: at least one program is another one now
+    // Why the programs that were chosen are not in use; empty where all is well.
+    std::string complaint() const;
     const std::vector<std::string>& features() const { return defines; }
 
   private:
     void draw_screen();
 
     bool clip_control;
-    std::vector<std::string> defines, gauze_defines;
-    ShaderProgram opaque_visibility, gauze_visibility, shading, merging, presenting;
+    std::vector<std::string> defines, gauze_defines; // of shading, and of the visibility of what rays may pass through
+    ProgramVariants opaque_visibility{"visibility.vert", "visibility.frag"};
+    ProgramVariants gauze_visibility{"visibility.vert", "visibility.frag"};
+    ProgramVariants shading{"screen.vert", "shade.frag"}, merging{"screen.vert", "merge.frag"};
+    ProgramVariants presenting{"screen.vert", "present.frag"};
     GlName frame_block, empty_array;
 };
 

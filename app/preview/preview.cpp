@@ -12,16 +12,26 @@ using namespace cloth::f32;
 Preview::Preview(const Scene& from, const GlInfo& gl_info, glm::ivec2 resolution, const PreviewOptions& wanted)
     : scene(from), info(gl_info), options(wanted), camera(from.camera), buffers(gl_info), passes(gl_info)
 {
-    buffers.upload(scene);
-    passes.choose(buffers, scene, options.footprint_samples);
+    shape = blocking_shape(scene);
+    find_needs();
+    buffers.upload(scene, needs);
     targets.resize(resolution, info);
     update_near_plane();
     restart();
 }
 
+void Preview::find_needs()
+{
+    needs = Needs::of(scene, shape, camera, options.footprint_samples, options.kept);
+    passes.choose(needs);
+}
+
 void Preview::set_camera(const CameraSpec& wanted)
 {
     camera = wanted;
+    const ShadowNeed before = needs.shadows;
+    find_needs();
+    if ((needs.shadows == ShadowNeed::none) != (before == ShadowNeed::none)) buffers.upload_bvh(scene, needs);
     update_near_plane();
     restart();
 }
@@ -29,7 +39,8 @@ void Preview::set_camera(const CameraSpec& wanted)
 void Preview::set_options(const PreviewOptions& wanted)
 {
     options = wanted;
-    passes.choose(buffers, scene, options.footprint_samples);
+    find_needs();
+    buffers.upload(scene, needs);
     restart();
 }
 
@@ -42,28 +53,30 @@ void Preview::resize(glm::ivec2 resolution)
 void Preview::lights_changed()
 {
     buffers.upload_lights(scene);
-    passes.choose(buffers, scene, options.footprint_samples);
+    find_needs();
     restart();
 }
 
 void Preview::yarns_changed()
 {
     buffers.upload_yarns(scene);
+    find_needs();
     restart();
 }
 
 void Preview::scene_changed()
 {
-    buffers.upload(scene);
-    passes.choose(buffers, scene, options.footprint_samples);
+    shape = blocking_shape(scene);
+    find_needs();
+    buffers.upload(scene, needs);
     update_near_plane();
     restart();
 }
 
 void Preview::model_changed()
 {
-    buffers.upload_fabrics(scene); // which objects rays may pass through is the model's matter too
-    passes.choose(buffers, scene, options.footprint_samples);
+    find_needs();
+    buffers.upload_fabrics(scene, needs); // which objects rays may pass through is the model's matter too
     restart();
 }
 
@@ -107,6 +120,9 @@ void Preview::draw_frame()
     frame.random = glm::uvec4(block_seed, index, static_cast<std::uint32_t>(options.footprint_samples), 0);
     frame.depth = glm::ivec4(info.clip_control ? 1 : 0, 0, 0, 0);
     frame.lights = glm::ivec4(static_cast<int>(scene.lights.size()), scene.environment.size, buffers.node_count);
+    const ClothSettings& model = needs.model;
+    frame.model = glm::ivec4(model.bsdf, model.weight, model.visibility, model.slab);
+    frame.ingredients = glm::ivec4(model.unscattered, model.interreflection, model.twist_noise, 0);
     passes.set_frame(frame);
     buffers.bind_textures();
     passes.visibility(targets, buffers);
@@ -148,9 +164,8 @@ PreviewImage Preview::read() const
 
 std::string Preview::reload_shaders()
 {
-    std::string complaint;
-    if (passes.rebuild_if_changed(complaint)) restart();
-    return complaint;
+    if (passes.rebuild_if_changed()) restart();
+    return passes.complaint();
 }
 
 std::vector<std::string> Preview::features() const
@@ -160,11 +175,6 @@ std::vector<std::string> Preview::features() const
     for (const std::string& define : passes.features())
         if (define.find(' ') == std::string::npos) names.push_back(define);
     return names;
-}
-
-std::map<std::string, bool> Preview::skipped() const
-{
-    return {{"gaps", !buffers.has_gaps}, {"fabric", !buffers.has_fabric}, {"matte", !buffers.has_matte}};
 }
 
 std::vector<std::string> Preview::pass_names() const

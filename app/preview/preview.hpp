@@ -4,6 +4,7 @@
 
 #include <cstdint>
 #include <map>
+#include <set>
 #include <string>
 #include <vector>
 
@@ -18,8 +19,9 @@ namespace selvedge
 
 struct PreviewOptions {
     std::uint32_t seed = 0;
-    int footprint_samples = 1; // shaded points of each pixel in a frame, [1, 64]
-    std::uint32_t planned = 0; // frames that will be drawn, 0 when nobody knows: decides the length of a block
+    int footprint_samples = 1;  // shaded points of each pixel in a frame, [1, 64]
+    std::set<std::string> kept; // parts of skip_names() that are done whether the scene needs them or not
+    std::uint32_t planned = 0;  // frames that will be drawn, 0 when nobody knows: decides the length of a block
 };
 
 // The accumulated picture on the CPU: row 0 is the top row.
@@ -35,8 +37,8 @@ struct PreviewImage {
 class Preview
 {
   public:
-    // Uploads the scene, compiles the shaders that it needs. The scene must outlive the preview.
-    //   throws  InputError (shaders), std::runtime_error (limits of the driver)
+    // Uploads the scene. The scene must outlive the preview. Shaders are compiled when the first frame wants them.
+    //   throws  std::runtime_error (limits of the driver)
     Preview(const Scene& scene, const GlInfo& info, glm::ivec2 resolution, const PreviewOptions& options);
 
     void set_camera(const CameraSpec& camera);
@@ -52,7 +54,9 @@ class Preview
     // Tells, while the first block is unfinished, how many frames there will be: sets the length of blocks.
     void plan(std::uint32_t planned);
 
-    void draw_frame(); // adds one sample to every pixel
+    // Adds one sample to every pixel.
+    //   throws  InputError: a shader that never compiled; one that did once stays in use (reload_shaders tells)
+    void draw_frame();
     std::uint32_t frames() const { return frame_count; }
     std::uint32_t block_length() const { return length; }
     glm::ivec2 resolution() const { return targets.size(); }
@@ -68,17 +72,21 @@ class Preview
 
     std::vector<std::string> features() const; // what was compiled in
     std::vector<std::string> pass_names() const;
-    std::map<std::string, bool> skipped() const; // parts that the scene did not need: name -> left out
+    // Parts that the scene did not need: name -> left out.
+    const std::map<std::string, bool>& skipped() const { return needs.skipped; }
     std::size_t buffer_bytes() const { return buffers.bytes(); }
 
   private:
-    void choose_programs();
+    // What the scene needs now; uploads and compiles nothing but what shadow rays walk, where that has changed.
+    void find_needs();
     void update_near_plane();
 
     const Scene& scene;
     GlInfo info;
     PreviewOptions options;
     CameraSpec camera;
+    BlockingShape shape;
+    Needs needs;
     SceneBuffers buffers;
     Targets targets;
     Passes passes;

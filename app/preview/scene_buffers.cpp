@@ -39,7 +39,7 @@ static std::size_t checked(std::size_t index)
     return index;
 }
 
-void SceneBuffers::upload(const Scene& scene)
+void SceneBuffers::upload(const Scene& scene, const Needs& needs)
 {
     objects.clear();
     std::vector<glm::vec4> triangles;
@@ -56,10 +56,10 @@ void SceneBuffers::upload(const Scene& scene)
                                                {triangle.n2, triangle.t2.y}});
         }
         checked(triangles.size());
-        if (mesh.tile_base.empty())
-            bases.resize(bases.size() + mesh.triangles.size(), glm::ivec2(0));
-        else
+        if (needs.model.twist_noise) { // otherwise nobody asks which repeat it is
             bases.insert(bases.end(), mesh.tile_base.begin(), mesh.tile_base.end());
+            bases.resize(triangles.size() / 6, glm::ivec2(0));
+        }
         Object object;
         object.index_count = static_cast<GLsizei>(mesh.triangles.size() * 3);
         object.array = GlName(GlName::Kind::vertex_array);
@@ -80,11 +80,11 @@ void SceneBuffers::upload(const Scene& scene)
     check_gl("meshes");
     triangle_table.upload(GL_RGBA32F, 16, triangles.data(), bytes_of(triangles), "triangles", info);
     tile_bases.upload(GL_RG32I, 8, bases.data(), bytes_of(bases), "repeats", info);
-    upload_fabrics(scene);
+    upload_fabrics(scene, needs);
     upload_lights(scene);
 }
 
-void SceneBuffers::upload_fabrics(const Scene& scene)
+void SceneBuffers::upload_fabrics(const Scene& scene, const Needs& needs)
 {
     struct Place {
         glm::uvec2 texels, horizons, mips, heights, asg;
@@ -96,6 +96,13 @@ void SceneBuffers::upload_fabrics(const Scene& scene)
     std::vector<glm::vec4> asg;
     std::vector<Place> places;
     std::size_t yarns = 0;
+    // Only what the model looks at.
+    using namespace cloth::f32;
+    const bool meso = needs.model.bsdf == cloth_bsdf_meso;
+    const bool relief = meso && needs.model.weight == cloth_weight_relief;
+    const bool slopes = meso && needs.model.weight == cloth_weight_mips;
+    const bool horizons = meso && needs.model.visibility == cloth_visibility_horizon8;
+    const bool gaussians = meso && needs.model.visibility == cloth_visibility_asg;
     for (const PackedFabric& fabric : scene.fabrics) {
         Place place{};
         for (int side = 0; side < 2; ++side) {
@@ -103,15 +110,13 @@ void SceneBuffers::upload_fabrics(const Scene& scene)
             place.texels[side] = word(checked(maps.size()));
             maps.insert(maps.end(), source.texels.begin(), source.texels.end());
             place.horizons[side] = word(checked(maps.size()));
-            maps.insert(maps.end(), source.horizons.begin(), source.horizons.end());
             place.mips[side] = word(checked(mips.size()));
-            mips.insert(mips.end(), source.slope_mips.begin(), source.slope_mips.end());
             place.heights[side] = word(checked(heights.size()));
             place.asg[side] = word(checked(asg.size()));
-            // Only what the model looks at.
-            if (scene.model.settings.weight == cloth::f32::cloth_weight_relief)
-                heights.insert(heights.end(), source.heights.begin(), source.heights.end());
-            asg.insert(asg.end(), source.asg.begin(), source.asg.end());
+            if (horizons) maps.insert(maps.end(), source.horizons.begin(), source.horizons.end());
+            if (slopes) mips.insert(mips.end(), source.slope_mips.begin(), source.slope_mips.end());
+            if (relief) heights.insert(heights.end(), source.heights.begin(), source.heights.end());
+            if (gaussians) asg.insert(asg.end(), source.asg.begin(), source.asg.end());
         }
         place.yarns = word(yarns);
         yarns += fabric.yarns.size();
@@ -126,20 +131,16 @@ void SceneBuffers::upload_fabrics(const Scene& scene)
     std::vector<glm::uvec4> table;
     opaque.clear();
     gauze.clear();
-    has_gaps = has_fabric = has_matte = false;
     std::size_t first_triangle = 0;
     for (std::size_t k = 0; k < scene.objects.size(); ++k) {
         const SceneObject& object = scene.objects[k];
         const bool gaps = lets_rays_through(scene, object);
         (gaps ? gauze : opaque).push_back(k);
-        has_gaps |= gaps;
         glm::uvec4 albedo(word(object.albedo.x), word(object.albedo.y), word(object.albedo.z), 0);
         if (object.fabric < 0) {
-            has_matte = true;
             const glm::uvec4 none(0);
             table.insert(table.end(), {{word(first_triangle), 0, 0, 0}, none, none, albedo, none, none, none});
         } else {
-            has_fabric = true;
             const Place& place = places[std::size_t(object.fabric)];
             const PackedFabric& fabric = scene.fabrics[std::size_t(object.fabric)];
             const glm::uvec2 size(fabric.size), cells(fabric.noise_cells);
@@ -156,7 +157,7 @@ void SceneBuffers::upload_fabrics(const Scene& scene)
         first_triangle += object.mesh.triangles.size();
     }
     object_table.upload(GL_RGBA32UI, 16, table.data(), bytes_of(table), "objects", info);
-    upload_bvh(scene);
+    upload_bvh(scene, needs);
 }
 
 void SceneBuffers::upload_yarns(const Scene& scene)
@@ -206,10 +207,10 @@ void SceneBuffers::upload_lights(const Scene& scene)
     check_gl("environment");
 }
 
-void SceneBuffers::upload_bvh(const Scene& scene)
+void SceneBuffers::upload_bvh(const Scene& scene, const Needs& needs)
 {
     static_assert(sizeof(BvhNode) == 32, "two texels a node");
-    const Bvh bvh = build_bvh(scene);
+    const Bvh bvh = needs.shadows == ShadowNeed::none ? Bvh{} : build_bvh(scene);
     node_count = static_cast<int>(checked(bvh.nodes.size()));
     bvh_nodes.upload(GL_RGBA32UI, 16, bvh.nodes.data(), bytes_of(bvh.nodes), "BVH nodes", info);
     std::vector<glm::uvec4> table;

@@ -6,29 +6,31 @@
 #include <vector>
 
 #include "gl.hpp"
+#include "needs.hpp"
 #include "reference/scene.hpp"
 
 namespace selvedge
 {
 
-// Parts that change on their own are uploaded on their own. Scenes are not kept: every call is given the one to read.
+// Parts that change on their own are uploaded on their own. Scenes are not kept: every call is given the one to read,
+// and what is needed of it: what is not needed is not uploaded.
 class SceneBuffers
 {
   public:
     explicit SceneBuffers(const GlInfo& of_driver) : info(of_driver) {}
 
     // throws std::runtime_error where the scene exceeds a limit of the driver, naming both
-    void upload(const Scene& scene);         // everything
-    void upload_yarns(const Scene& scene);   // same count as before
-    void upload_fabrics(const Scene& scene); // maps, yarns, and the objects' references to them
-    void upload_lights(const Scene& scene);  // lights and environment
+    void upload(const Scene& scene, const Needs& needs);         // everything
+    void upload_yarns(const Scene& scene);                       // same count as before
+    void upload_fabrics(const Scene& scene, const Needs& needs); // maps, yarns, and the objects' references to them
+    void upload_lights(const Scene& scene);                      // lights and environment
+    void upload_bvh(const Scene& scene, const Needs& needs);     // what shadow rays walk
 
     void bind_textures() const;
     void bind_object(std::size_t index) const; // vertex array of an object
     GLsizei index_count(std::size_t index) const { return objects[index].index_count; }
     std::size_t bytes() const;
 
-    bool has_gaps = false, has_fabric = false, has_matte = false;
     std::vector<std::size_t> opaque, gauze; // objects by whether rays may pass through
     int node_count = 0;                     // of the BVH
 
@@ -36,8 +38,6 @@ class SceneBuffers
     static float nearest_distance(const Scene& scene, glm::vec3 point);
 
   private:
-    void upload_bvh(const Scene& scene);
-
     struct Object {
         GlName vertices, indices, array;
         GLsizei index_count = 0;

@@ -9,6 +9,7 @@
 #include <sstream>
 #include <stdexcept>
 
+#include "app/preview/program_cache.hpp"
 #include "bake/error.hpp"
 
 namespace selvedge
@@ -95,19 +96,25 @@ std::string readable_log(const std::string& log, const std::vector<std::string>&
 
 // ---- programs ----------------------------------------------------------------------------------------------------
 
-static GlName compile(GLenum stage, const std::string& header, const ShaderText& shader)
+static std::string log_of(GLuint name, decltype(gl.GetShaderiv) get, decltype(gl.GetShaderInfoLog) get_log)
+{
+    GLint length = 0;
+    get(name, GL_INFO_LOG_LENGTH, &length);
+    std::string log(static_cast<std::size_t>(std::max(length, 1)), '\0');
+    get_log(name, length, nullptr, log.data());
+    return log;
+}
+
+static GlName compile(GLenum stage, const std::string& text, const std::vector<std::string>& files)
 {
     GlName name(GlName::Kind::shader, gl.CreateShader(stage));
-    const char* parts[] = {header.c_str(), shader.text.c_str()};
-    gl.ShaderSource(*name, 2, parts, nullptr);
+    const char* part = text.c_str();
+    gl.ShaderSource(*name, 1, &part, nullptr);
     gl.CompileShader(*name);
-    GLint good = GL_FALSE, length = 0;
+    GLint good = GL_FALSE;
     gl.GetShaderiv(*name, GL_COMPILE_STATUS, &good);
     if (good == GL_TRUE) return name;
-    gl.GetShaderiv(*name, GL_INFO_LOG_LENGTH, &length);
-    std::string log(static_cast<std::size_t>(std::max(length, 1)), '\0');
-    gl.GetShaderInfoLog(*name, length, nullptr, log.data());
-    throw std::runtime_error(readable_log(log, shader.files));
+    throw std::runtime_error(readable_log(log_of(*name, gl.GetShaderiv, gl.GetShaderInfoLog), files));
 }
 
 ShaderProgram::ShaderProgram(std::string vertex_file, std::string fragment_file, std::vector<std::string> with)
@@ -127,19 +134,26 @@ void ShaderProgram::build()
     std::string header = "#version 410 core\n";
     for (const std::string& define : defines)
         header += "#define " + define + (define.find(' ') == std::string::npos ? " 1\n" : "\n");
-    const GlName vertex_shader = compile(GL_VERTEX_SHADER, header, texts[0]);
-    const GlName fragment_shader = compile(GL_FRAGMENT_SHADER, header, texts[1]);
+    const std::string vertex_text = header + texts[0].text, fragment_text = header + texts[1].text;
     GlName made(GlName::Kind::program, gl.CreateProgram());
-    gl.AttachShader(*made, *vertex_shader);
-    gl.AttachShader(*made, *fragment_shader);
-    gl.LinkProgram(*made);
-    GLint good = GL_FALSE, length = 0;
-    gl.GetProgramiv(*made, GL_LINK_STATUS, &good);
-    if (good != GL_TRUE) {
-        gl.GetProgramiv(*made, GL_INFO_LOG_LENGTH, &length);
-        std::string log(static_cast<std::size_t>(std::max(length, 1)), '\0');
-        gl.GetProgramInfoLog(*made, length, nullptr, log.data());
-        throw std::runtime_error(vertex + " + " + fragment + ": " + readable_log(log, {}));
+    const std::string key = program_key(vertex_text, fragment_text);
+    if (read_program(key, *made)) {
+        ++program_counts().cached;
+    } else {
+        const GlName vertex_shader = compile(GL_VERTEX_SHADER, vertex_text, texts[0].files);
+        const GlName fragment_shader = compile(GL_FRAGMENT_SHADER, fragment_text, texts[1].files);
+        made = GlName(GlName::Kind::program, gl.CreateProgram());
+        gl.ProgramParameteri(*made, GL_PROGRAM_BINARY_RETRIEVABLE_HINT, GL_TRUE);
+        gl.AttachShader(*made, *vertex_shader);
+        gl.AttachShader(*made, *fragment_shader);
+        gl.LinkProgram(*made);
+        GLint good = GL_FALSE;
+        gl.GetProgramiv(*made, GL_LINK_STATUS, &good);
+        if (good != GL_TRUE)
+            throw std::runtime_error(vertex + " + " + fragment + ": " +
+                                     readable_log(log_of(*made, gl.GetProgramiv, gl.GetProgramInfoLog), {}));
+        ++program_counts().compiled;
+        write_program(key, *made);
     }
     // GLSL 4.1 has no layout(binding = ...).
     gl.UseProgram(*made);
@@ -162,6 +176,34 @@ bool ShaderProgram::rebuild_if_changed()
         error_text = error.what();
         return false;
     }
+}
+
+bool ProgramVariants::use(const std::vector<std::string>& defines)
+{
+    if (in_use != nullptr && wanted == defines && error_text.empty()) return false;
+    wanted = defines;
+    const ShaderProgram* const before = in_use;
+    try {
+        auto found = programs.find(defines);
+        if (found == programs.end())
+            found = programs.emplace(defines, ShaderProgram(vertex, fragment, defines)).first;
+        else
+            found->second.rebuild_if_changed(); // its files may have been saved while it was not in use
+        in_use = &found->second;
+        error_text.clear();
+    } catch (const std::exception& error) {
+        if (in_use == nullptr) throw;
+        error_text = error.what();
+    }
+    return in_use != before;
+}
+
+bool ProgramVariants::rebuild_if_changed()
+{
+    if (in_use == nullptr) return false;
+    // What was asked for and did not compile is tried again with what has been saved since.
+    const bool another = !error_text.empty() && use(wanted);
+    return in_use->rebuild_if_changed() || another;
 }
 
 GLint texture_unit(const char* name)

@@ -3,6 +3,7 @@
 
 #include <cstdint>
 #include <filesystem>
+#include <map>
 #include <string>
 #include <vector>
 
@@ -67,6 +68,37 @@ class ShaderProgram
     GlName program;
     std::vector<FileStamp> stamps; // of all files that the last attempt has read
     std::string error_text;
+};
+
+// The programs of one pair of files: one for each list of definitions that was asked for, compiled when first used,
+// kept for the next time.
+class ProgramVariants
+{
+  public:
+    ProgramVariants(std::string vertex_file, std::string fragment_file)
+        : vertex(std::move(vertex_file)), fragment(std::move(fragment_file))
+    {
+    }
+
+    // From now on the program with these definitions is used. Where it does not compile, the one before stays in use,
+    // and complaint() says why.
+    //   return  true: another program is in use now
+    //   throws  InputError where there is none before
+    bool use(const std::vector<std::string>& defines);
+
+    ShaderProgram& current() { return *in_use; }
+    bool rebuild_if_changed(); // as ShaderProgram's, of the program in use
+    std::string complaint() const
+    {
+        return !error_text.empty() || in_use == nullptr ? error_text : in_use->complaint();
+    }
+
+  private:
+    std::string vertex, fragment;
+    std::map<std::vector<std::string>, ShaderProgram> programs;
+    ShaderProgram* in_use = nullptr;
+    std::vector<std::string> wanted;
+    std::string error_text; // of the last use()
 };
 
 // Texture units and uniform blocks by name; a name that a program lacks is nothing.
