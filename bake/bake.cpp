@@ -86,8 +86,6 @@ void finish(const Fabric& fabric, VisibilityKind kind, PackedFabric& packed)
         for (std::size_t i = 0; i < side.heights.size(); ++i)
             side.heights[i] = static_cast<std::uint16_t>(
                 std::lround(std::clamp((side.heights_m[i] - low) / range, 0.0f, 1.0f) * 65535.0f));
-        const std::vector<std::uint16_t> bounds = height_bounds(side.heights, packed.size);
-        side.heights.insert(side.heights.end(), bounds.begin(), bounds.end());
         if (kind == VisibilityKind::asg || kind == VisibilityKind::asg_lsq)
             side.asg = fit_asg(field, kind == VisibilityKind::asg_lsq);
     }

@@ -124,26 +124,4 @@ std::size_t slope_level_offset(glm::ivec2 size, int level)
     return offset;
 }
 
-std::vector<std::uint16_t> height_bounds(const std::vector<std::uint16_t>& heights, glm::ivec2 size)
-{
-    constexpr int cell = cloth::f32::cloth_bound_cell;
-    const glm::ivec2 cells = (size + cell - 1) / cell;
-    // One texel more on each side for the bilinear look-up. First along x, then along y.
-    const auto largest = [](const std::uint16_t* values, int stride, int count, int at) {
-        std::uint16_t most = 0;
-        for (int k = at - cell - 1; k <= at + 2 * cell; ++k)
-            most = std::max(most, values[((k % count + count) % count) * stride]);
-        return most;
-    };
-    std::vector<std::uint16_t> along_x(std::size_t(cells.x) * std::size_t(size.y)),
-        bounds(std::size_t(cells.x) * std::size_t(cells.y));
-    for (int y = 0; y < size.y; ++y)
-        for (int x = 0; x < cells.x; ++x)
-            along_x[std::size_t(y * cells.x + x)] = largest(&heights[std::size_t(y * size.x)], 1, size.x, x * cell);
-    for (int y = 0; y < cells.y; ++y)
-        for (int x = 0; x < cells.x; ++x)
-            bounds[std::size_t(y * cells.x + x)] = largest(&along_x[std::size_t(x)], cells.x, size.y, y * cell);
-    return bounds;
-}
-
 } // namespace selvedge

@@ -23,9 +23,8 @@ struct PackedSide {
         horizons; // (w/2)*(h/2): 8 unorm8 knots of sin(horizon), knot k at azimuth k*45 deg in byte k
     std::vector<glm::uint>
         slope_mips; // levels 1, 2, ... 1x1 concatenated, each max(1, w>>L) x max(1, h>>L): 2 x snorm16
-    // w*h, unorm16 of height_range_m; then height_bounds of them, a row of cells after the other
-    std::vector<std::uint16_t> heights;
-    glm::vec2 height_range_m{0};  // lowest and highest of this side
+    std::vector<std::uint16_t> heights; // w*h, unorm16 of height_range_m
+    glm::vec2 height_range_m{0};        // lowest and highest of this side
     std::vector<glm::vec4> asg;   // 2*w*h where the visibility is asg or asg-lsq: (mu, gamma), (sigma_x, sigma_y, C, 0)
     std::vector<float> heights_m; // w*h, metres above the mid-plane in this side's frame; 0 in gaps. CPU only (tests,
                                   // AOVs, the exact march)
@@ -78,10 +77,5 @@ void unpack_knots(glm::uvec2 words, float knots[8]);
 int slope_level_count(glm::ivec2 size);
 glm::ivec2 slope_level_size(glm::ivec2 size, int level);
 std::size_t slope_level_offset(glm::ivec2 size, int level);
-
-// For each cell of cloth_bound_cell^2 texels the largest height within that distance of it, periodic: what the march of
-// the view ray may skip (cloth_march).
-//   heights  w*h;  return  ceil(w / cell) * ceil(h / cell)
-std::vector<std::uint16_t> height_bounds(const std::vector<std::uint16_t>& heights, glm::ivec2 size);
 
 } // namespace selvedge

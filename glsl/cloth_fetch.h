@@ -2,14 +2,10 @@
 //   cloth_fetch_texel      side 0 front, 1 back; xy in [0, size)
 //   cloth_fetch_horizon    xy in [0, size / 2)
 //   cloth_fetch_height     xy in [0, size); 16 bits, 0 at height_low, 65535 at height_high
-//   cloth_fetch_height_bound  cell of cloth_bound_cell^2 texels: no height that near it is above, 16 bits likewise
 //   cloth_fetch_asg        two records of four numbers a texel: (mu.xyz, gamma), (sigma_x, sigma_y, amplitude, 0)
 //   cloth_fetch_slope_mip  index into the concatenated mip levels 1, 2, ...
 //   cloth_fetch_environment  rgb radiance, w density over UV (mean 1)
 //   cloth_fetch_alias      x threshold as a 32-bit fraction, y the other texel (alias method, Walker 1977)
-
-// Side of a cell of the table of height bounds that follows the heights [texels].
-CLOTH_CONST int cloth_bound_cell = 8;
 
 #ifdef __cplusplus
 
@@ -18,7 +14,7 @@ struct ClothMaps {
     const glm::uvec2* texels[2]   = {nullptr, nullptr};
     const glm::uvec2* horizons[2] = {nullptr, nullptr};
     const glm::uint* mips[2]      = {nullptr, nullptr};
-    const std::uint16_t* heights[2] = {nullptr, nullptr};   // then the bounds of the cells
+    const std::uint16_t* heights[2] = {nullptr, nullptr};
     const real4* asg[2]           = {nullptr, nullptr};   // only where the visibility is of that kind
     const ClothYarn* yarns        = nullptr;
     real2 tile_m = real2(1, 1);             // size of the repeat [m]
@@ -51,11 +47,6 @@ inline uint cloth_fetch_slope_mip(const ClothMaps& maps, int side, int index)
 inline uint cloth_fetch_height(const ClothMaps& maps, int side, ivec2 xy)
 {
     return maps.heights[side][xy.y * maps.size.x + xy.x];
-}
-inline uint cloth_fetch_height_bound(const ClothMaps& maps, int side, ivec2 cell)
-{
-    int row = (maps.size.x + cloth_bound_cell - 1) / cloth_bound_cell;
-    return maps.heights[side][maps.size.x * maps.size.y + cell.y * row + cell.x];
 }
 inline real4 cloth_fetch_asg(const ClothMaps& maps, int side, ivec2 xy, int record)
 {
@@ -124,11 +115,6 @@ uint cloth_fetch_slope_mip(ClothMaps maps, int side, int index)
 uint cloth_fetch_height(ClothMaps maps, int side, ivec2 xy)
 {
     return texelFetch(height_words, (side == 0 ? maps.heights.x : maps.heights.y) + xy.y * maps.size.x + xy.x).x;
-}
-uint cloth_fetch_height_bound(ClothMaps maps, int side, ivec2 cell)
-{
-    int row = (maps.size.x + cloth_bound_cell - 1) / cloth_bound_cell;
-    return texelFetch(height_words, (side == 0 ? maps.heights.x : maps.heights.y) + maps.size.x * maps.size.y + cell.y * row + cell.x).x;
 }
 vec4 cloth_fetch_asg(ClothMaps maps, int side, ivec2 xy, int record)
 {

@@ -25,10 +25,9 @@ struct ClothSettings {
 // Candidates of the resampling: bias 1.1 % at four [6.4.2]; stratified here, which only lowers it.
 CLOTH_CONST int cloth_candidates = 4;
 CLOTH_CONST real cloth_area_min  = real(0.02);   // floor of A_G in the paper's form [6.2]
-// The march of the view ray: its step near the surface, so that no ply (10 texels and more) is stepped over; as many at once
-// as a bound is good for where it says that nothing is near; and the most steps, longer ways get longer ones.
-CLOTH_CONST real cloth_march_leap = real(4);                                       // steps
-CLOTH_CONST real cloth_march_step = real(cloth_bound_cell) / cloth_march_leap;     // [texels]
+// The march of the view ray: its step, so that no ply (10 texels and more) is stepped over, and the most steps: longer ways
+// get longer ones.
+CLOTH_CONST real cloth_march_step = real(3);   // [texels]
 CLOTH_CONST int cloth_march_steps = 96;
 
 // Where a ray meets the cloth, in tiles of the fabric: centre and extent of one pixel step.
@@ -47,6 +46,13 @@ struct ClothSelection {
     ClothYarn yarn;
     int side;               // the viewer's
     ivec2 xy;               // texel
+};
+
+// Where in the cloth a ray's point lies: what is found by looking at the maps, small enough to be handed from pass to pass.
+struct ClothPlace {
+    ivec2 xy;      // texel
+    ivec2 repeat;  // which repeat, counted from the footprint's base
+    real area;     // A_p, where the weight is made of areas; 0: nothing visible was found
 };
 
 CLOTH_FN bool cloth_uses_visibility(ClothSettings settings)
@@ -84,92 +90,98 @@ CLOTH_FN real2 cloth_march(CLOTH_IN(ClothMaps) maps, int side, real2 tile, real3
     real2 start = tile + way * low;
     real2 run   = way * ((high - low) / cloth_height_top);
     real texels = max(abs(run.x) * real(maps.size.x), abs(run.y) * real(maps.size.y)) * cloth_height_top;
-    real step   = cloth_height_top / clamp(ceil(texels / cloth_march_step), real(1), real(cloth_march_steps));
-    real above  = cloth_height_top + step * (real(1) - u);      // known to be over the surface; the first step ends in the relief
-    real below  = real(0);
-    for (int k = 0; k < cloth_march_steps && above > step; ++k) {
-        if (cloth_height_bound(maps, side, start + run * above) < above - cloth_march_leap * step) {
-            above = above - cloth_march_leap * step;
-            continue;
-        }
-        real z = above - step;
-        if (cloth_height(maps, side, start + run * z) >= z) {
-            below = z;
-            break;
-        }
-        above = z;
+    real count  = clamp(ceil(texels / cloth_march_step), real(1), real(cloth_march_steps));
+    real step   = cloth_height_top / count;
+    real z      = cloth_height_top - step * u;   // the first step ends in the relief
+    uvec2 place  = cloth_place(start + run * z);
+    uvec2 stride = cloth_place(run * -step);
+    for (int k = int(count); k > 0 && cloth_height_at(maps, side, place) < z; --k) {
+        z -= step;
+        place += stride;
     }
-    for (int k = 0; k < 3; ++k) {   // to a third of a texel
-        real z = real(0.5) * (above + below);
-        if (cloth_height(maps, side, start + run * z) >= z) below = z;
-        else above = z;
+    // The surface lies between z and a step above it; halved twice, to three quarters of a texel.
+    real half_step = real(0.5) * step;
+    real above = z + step;
+    for (int k = 0; k < 2; ++k) {
+        real middle = above - half_step;
+        above     = cloth_height_at(maps, side, cloth_place(start + run * middle)) < middle ? middle : above;
+        half_step = real(0.5) * half_step;
     }
     // Half way: of a wall between two texels each gets its half. Below alone, crests would be seen too often (2 % too bright).
-    return start + run * (real(0.5) * (above + below));
+    return start + run * (above - half_step);
 }
 
-// Draws the point that the ray sees.
+// The point that the ray sees.
 //   side    0 front, 1 back;  o  local direction to the viewer, o.z > 0
-//   return  passes, or a point whose value times `weight` is an estimate of the effective BSDF with cosine
-CLOTH_FN ClothSelection cloth_select(CLOTH_IN(ClothMaps) maps, int side, ClothFootprint footprint, real3 o, ClothSettings settings,
-                                     ClothRandom random)
+CLOTH_FN ClothPlace cloth_find(CLOTH_IN(ClothMaps) maps, int side, ClothFootprint footprint, real3 o, ClothSettings settings,
+                               ClothRandom random)
 {
     real2 u_footprint = cloth_draw(random, cloth_dim_footprint);
     real2 u_texel     = cloth_draw(random, cloth_dim_texel);
-    real2 u_pick      = cloth_draw(random, cloth_dim_pick);
+    real u            = cloth_draw(random, cloth_dim_pick).x;
     // Moving by up to half a texel each way before the nearest fetch is a bilinear filter in the mean.
     real2 half_texel  = (u_texel - real2(real(0.5))) / real2(real(maps.size.x), real(maps.size.y));
 
-    bool meso      = settings.bsdf == cloth_bsdf_meso;
-    bool relief    = meso && settings.weight == cloth_weight_relief;
-    bool resample  = meso && settings.weight == cloth_weight_resample;
-    int candidates = resample ? cloth_candidates : 1;
-    real2 chosen   = footprint.tile;
-    real area      = real(0);   // A_p of the chosen candidate
-    real total     = real(0);
-    real u         = u_pick.x;
-    // If every candidate is masked the draw is repeated, up to three rounds; then the last one is taken.
-    for (int j = 0; j < candidates * 3; ++j) {
-        // Additive recurrence R2 (Roberts 2018): every candidate is uniform, together they are spread over the footprint.
-        real2 shift = real2(real(j) * real(0.7548776662466927), real(j) * real(0.5698402909980532));
-        real2 xi    = u_footprint + shift;
-        xi          = xi - floor(xi) - real2(real(0.5));
-        real2 tile  = footprint.tile + footprint.dx * xi.x + footprint.dy * xi.y;
-        if (relief) {
-            chosen = cloth_march(maps, side, tile + half_texel, o, u_pick.x);
-            break;
+    bool meso     = settings.bsdf == cloth_bsdf_meso;
+    bool resample = meso && settings.weight == cloth_weight_resample;
+    real2 xi      = u_footprint - real2(real(0.5));
+    real2 chosen  = footprint.tile + footprint.dx * xi.x + footprint.dy * xi.y + half_texel;
+    real area     = real(1);
+    if (meso && settings.weight == cloth_weight_relief) {
+        chosen = cloth_march(maps, side, chosen, o, u);
+    } else if (meso) {
+        int candidates = resample ? cloth_candidates : 1;
+        real total     = real(0);
+        area           = real(0);
+        // If every candidate is masked the draw is repeated, up to three rounds; then the last one is taken.
+        for (int j = 0; j < candidates * 3; ++j) {
+            // Additive recurrence R2 (Roberts 2018): every candidate is uniform, together they are spread over the footprint.
+            real2 shift = real2(real(j) * real(0.7548776662466927), real(j) * real(0.5698402909980532));
+            xi          = u_footprint + shift;
+            xi          = xi - floor(xi) - real2(real(0.5));
+            real2 tile  = footprint.tile + footprint.dx * xi.x + footprint.dy * xi.y + half_texel;
+            ivec2 xy    = cloth_texel_at(maps, tile);
+            real2 slope = cloth_decode_slopes(cloth_fetch_texel(maps, side, xy).x);
+            real a      = max(o.z - dot(slope, real2(o.x, o.y)), real(0));
+            if (a > real(0)) a *= cloth_visibility_at(maps, side, xy, o, settings);
+            total += a;
+            // Reservoir of one: keep candidate j with probability a / total; u is stretched to be uniform again.
+            real keep = total > real(0) ? a / total : real(0);
+            bool take = u < keep || j == 0;
+            if (a > real(0)) u = u < keep ? u / keep : (u - keep) / max(real(1) - keep, real(1e-6));
+            if (take) {
+                chosen = tile;
+                area   = a;
+            }
+            if (j + 1 >= candidates && (total > real(0) || !resample)) break;
         }
-        tile          = tile + half_texel;
-        ivec2 xy      = cloth_texel_at(maps, tile);
-        real2 slope   = cloth_decode_slopes(cloth_fetch_texel(maps, side, xy).x);
-        real a        = max(o.z - dot(slope, real2(o.x, o.y)), real(0));
-        if (meso && a > real(0)) a *= cloth_visibility_at(maps, side, xy, o, settings);
-        total += a;
-        // Reservoir of one: keep candidate j with probability a / total; u is stretched to be uniform again.
-        real keep = total > real(0) ? a / total : real(0);
-        bool take = u < keep || j == 0;
-        if (a > real(0)) u = u < keep ? u / keep : (u - keep) / max(real(1) - keep, real(1e-6));
-        if (take) {
-            chosen = tile;
-            area   = a;
-        }
-        if (j + 1 >= candidates && (total > real(0) || !resample)) break;
     }
+    real2 base = floor(chosen);
+    return ClothPlace(cloth_texel_at(maps, chosen), ivec2(int(base.x), int(base.y)), area);
+}
+
+// What the ray meets at a found point.
+//   return  passes, or a point whose value times `weight` is an estimate of the effective BSDF with cosine
+CLOTH_FN ClothSelection cloth_meet(CLOTH_IN(ClothMaps) maps, int side, ClothFootprint footprint, ClothPlace place, real3 o,
+                                   ClothSettings settings, ClothRandom random)
+{
+    real u        = cloth_draw(random, cloth_dim_pick).y;
+    bool meso     = settings.bsdf == cloth_bsdf_meso;
+    bool relief   = meso && settings.weight == cloth_weight_relief;
+    bool resample = meso && settings.weight == cloth_weight_resample;
 
     ClothSelection result;
-    ivec2 xy      = cloth_texel_at(maps, chosen);
-    ivec2 tile    = footprint.base + ivec2(int(floor(chosen.x)), int(floor(chosen.y)));
     result.passes = false;
     result.weight = real(1);
     result.side   = side;
-    result.xy     = xy;
-    result.texel  = cloth_texel(maps, side, xy, settings.twist_noise ? tile : ivec2(0, 0), settings.twist_noise);
+    result.xy     = place.xy;
+    result.texel  = cloth_texel(maps, side, place.xy, settings.twist_noise ? footprint.base + place.repeat : ivec2(0, 0), settings.twist_noise);
     result.yarn   = cloth_fetch_yarn(maps, result.texel.yarn);
-    if (meso && settings.weight == cloth_weight_mips) result.weight = area / cloth_area_from_mips(maps, side, footprint, o);
-    if (meso && settings.weight == cloth_weight_tile) result.weight = area / o.z;
+    if (meso && settings.weight == cloth_weight_mips) result.weight = place.area / cloth_area_from_mips(maps, side, footprint, o);
+    if (meso && settings.weight == cloth_weight_tile) result.weight = place.area / o.z;
 
     // A point that turns out to face away (filtered slopes under the march, or nothing visible found) is seen as a flat one.
-    if ((relief && dot(result.texel.point.normal_f, o) <= real(1e-3) * o.z) || (resample && total <= real(0))) {
+    if ((relief && dot(result.texel.point.normal_f, o) <= real(1e-3) * o.z) || (resample && place.area <= real(0))) {
         result.texel.point.normal_f = real3(real(0), real(0), real(1));
         result.texel.point.length_f = real(1);
     }
@@ -178,17 +190,24 @@ CLOTH_FN ClothSelection cloth_select(CLOTH_IN(ClothMaps) maps, int side, ClothFo
     // than 1 is spent as a probability, which saturates above 1: it cannot be carried to the next layer.
     real through = real(0);
     if (result.texel.gap) through = real(1);
-    else if (settings.unscattered && meso) through = cloth_unscattered(result.texel.point, result.yarn, o);
+    else if (settings.unscattered) through = cloth_unscattered(result.texel.point, result.yarn, o);
     through      *= min(result.weight, real(1));
-    result.passes = u_pick.y < through;
+    result.passes = u < through;
     if (result.passes && meso)
-        result.passes = u_pick.y < through * cloth_visibility_at(maps, 1 - side, xy, real3(-o.x, -o.y, o.z), settings);
+        result.passes = u < through * cloth_visibility_at(maps, 1 - side, place.xy, real3(-o.x, -o.y, o.z), settings);
     if (result.texel.gap && !result.passes && !relief && !resample && meso) result.weight = real(0);
     // The slab's albedo leaves out what goes straight through: a yarn that is shaded stands for those draws as well, and one
     // whose straight way ends at the yarns behind is dark.
     if (!result.texel.gap && !result.passes)
-        result.weight = u_pick.y < through ? real(0) : result.weight / max(real(1) - through, real(1e-3));
+        result.weight = u < through ? real(0) : result.weight / max(real(1) - through, real(1e-3));
     return result;
+}
+
+// Both at once.
+CLOTH_FN ClothSelection cloth_select(CLOTH_IN(ClothMaps) maps, int side, ClothFootprint footprint, real3 o, ClothSettings settings,
+                                     ClothRandom random)
+{
+    return cloth_meet(maps, side, footprint, cloth_find(maps, side, footprint, o, settings, random), o, settings, random);
 }
 
 // Share of the light travelling along d that crosses the cloth at a point without being scattered. Zero footprint: the mean
@@ -198,15 +217,16 @@ CLOTH_FN real cloth_transmittance(CLOTH_IN(ClothMaps) maps, real2 tile, real3 d,
 {
     ivec2 xy   = cloth_texel_at(maps, tile);
     bool gap   = cloth_texel_is_gap(cloth_fetch_texel(maps, 0, xy));
-    bool inside = settings.unscattered && settings.bsdf == cloth_bsdf_meso;
     real3 up   = d.z < real(0) ? -d : d;   // the same line, leaving the front
-    if (up.z <= real(0) || !(gap || inside)) return real(0);
+    if (up.z <= real(0) || !(gap || settings.unscattered)) return real(0);
     real share = real(1);
     if (!gap) {
         ClothTexel texel = cloth_texel(maps, 0, xy, ivec2(0, 0), false);
         real facing      = dot(texel.point.normal_f, up);
         if (facing <= real(0)) return real(0);
-        share = cloth_unscattered(texel.point, cloth_fetch_yarn(maps, texel.yarn), up) * facing * texel.point.length_f / max(up.z, cloth_cosine_min);
+        share = cloth_unscattered(texel.point, cloth_fetch_yarn(maps, texel.yarn), up);
+        // Points of the meso model count by their area, those of the micro model all alike, as in cloth_find.
+        if (settings.bsdf == cloth_bsdf_meso) share *= facing * texel.point.length_f / max(up.z, cloth_cosine_min);
     }
     if (!cloth_uses_visibility(settings)) return share;
     return share * cloth_visibility_at(maps, 0, xy, up, settings) *

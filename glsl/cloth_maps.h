@@ -78,17 +78,18 @@ CLOTH_FN ClothHorizon cloth_horizon(CLOTH_IN(ClothMaps) maps, int side, ivec2 xy
                         cloth_fetch_horizon(maps, side, ivec2(x0, y1)), cloth_fetch_horizon(maps, side, ivec2(x1, y1)), h - base);
 }
 
-// Height at a position in tiles, in units of the map: 0 lowest, cloth_height_top highest; periodic, flat within a texel.
-CLOTH_CONST real cloth_height_top = real(65535);
-CLOTH_FN real cloth_height(CLOTH_IN(ClothMaps) maps, int side, real2 tile)
+// A place in the repeat as 32-bit fractions of its sides, which wrap by themselves, from any finite position in tiles.
+CLOTH_FN uvec2 cloth_place(real2 tile)
 {
-    return real(cloth_fetch_height(maps, side, cloth_texel_at(maps, tile)));
+    real2 f = tile - floor(tile);
+    return uvec2(uint(int(f.x * real(16777216))) << 8u, uint(int(f.y * real(16777216))) << 8u);
 }
 
-// A height that no point within cloth_bound_cell texels of a position is above, in the same units.
-CLOTH_FN real cloth_height_bound(CLOTH_IN(ClothMaps) maps, int side, real2 tile)
+// Height at a place, in units of the map: 0 lowest, cloth_height_top highest; flat within a texel.
+CLOTH_CONST real cloth_height_top = real(65535);
+CLOTH_FN real cloth_height_at(CLOTH_IN(ClothMaps) maps, int side, uvec2 place)
 {
-    return real(cloth_fetch_height_bound(maps, side, cloth_texel_at(maps, tile) / cloth_bound_cell));
+    return real(cloth_fetch_height(maps, side, ivec2(((place >> 16u) * uvec2(maps.size)) >> 16u)));
 }
 
 // Mean slopes (sx, sy) of the 2^level block around a position in tiles; level 0 is the texel, the last level the tile [7].

@@ -72,8 +72,26 @@ ClothRandom layer_random(uint seed, int object, int triangle, uint attempt)
                        attempt * cloth_dims_per_vertex);
 }
 
-ClothSelection select_on(SceneObject object, int triangle, ClothSurface surface, ClothRandom random)
+ClothFootprint footprint_on(SceneObject object, int triangle, ClothSurface surface)
 {
-    return cloth_select(object.maps, surface.side, ClothFootprint(surface.tile, surface.tile_dx, surface.tile_dy, fetch_tile_base(object, triangle)),
-                        surface.wo, frame_settings(), random);
+    return ClothFootprint(surface.tile, surface.tile_dx, surface.tile_dy, fetch_tile_base(object, triangle));
+}
+
+// The visibility pass has to find a point of every cloth with gaps; the shade pass takes it from there, in two words: texel
+// with the top bit set, repeat (16 bits each; where a triangle has more repeats, float has lost their texels anyway). Not where
+// the model weighs points by area, which has no room: those are found again.
+uvec2 hand_over(ClothPlace place)
+{
+    if (MODEL_BSDF == cloth_bsdf_meso && MODEL_WEIGHT != cloth_weight_relief) return uvec2(0u);
+    return uvec2(0x80000000u | uint(place.xy.y << 16) | uint(place.xy.x), uint(place.repeat.y << 16) | (uint(place.repeat.x) & 0xffffu));
+}
+
+bool handed_over(uvec2 words)
+{
+    return (words.x & 0x80000000u) != 0u;
+}
+
+ClothPlace take_over(uvec2 words)
+{
+    return ClothPlace(ivec2(words.x & 0xffffu, (words.x >> 16u) & 0x7fffu), ivec2(int(words.y << 16u) >> 16, int(words.y) >> 16), 1.0);
 }

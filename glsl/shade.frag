@@ -22,7 +22,7 @@ vec3 direct_light(ClothMaps maps, ClothSurface surface, ClothShading shading, Cl
 
 void main()
 {
-    uvec2 id     = texelFetch(id_map, ivec2(gl_FragCoord.xy), 0).xy;
+    uvec4 id     = texelFetch(id_map, ivec2(gl_FragCoord.xy), 0);
     ClothRay ray = frame_ray(gl_FragCoord.xy);
     if (id.x == 0u) {
         colour = vec4(cloth_background(frame_lights(), normalize(ray.direction)), 0.0);
@@ -41,12 +41,19 @@ void main()
         ClothRandom random = layer_random(seed, object_index, triangle_index, n * attempts);
 #ifdef FABRIC
         if (!object.matte) {
-            ClothSelection selection = select_on(object, triangle_index, surface, random);
+            ClothFootprint footprint = footprint_on(object, triangle_index, surface);
+            ClothPlace place;
+#ifdef GAPS
+            if (n == 0u && handed_over(id.zw)) place = take_over(id.zw);
+            else
+#endif
+            place = cloth_find(object.maps, surface.side, footprint, surface.wo, frame_settings(), random);
+            ClothSelection selection = cloth_meet(object.maps, surface.side, footprint, place, surface.wo, frame_settings(), random);
 #ifdef GAPS
 #ifdef FOOTPRINT
             for (uint k = 1u; n > 0u && selection.passes && k < attempts; ++k)
-                selection = select_on(object, triangle_index, surface,
-                                      layer_random(seed, object_index, triangle_index, n * attempts + k));
+                selection = cloth_select(object.maps, surface.side, footprint, surface.wo, frame_settings(),
+                                         layer_random(seed, object_index, triangle_index, n * attempts + k));
             if (selection.passes && n > 0u) selection = first;
 #endif
             // The first one passes only where two compilers have rounded differently: one fragment in millions, left black.

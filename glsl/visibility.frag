@@ -8,14 +8,19 @@
 #endif
 
 uniform int object_index;
-layout(location = 0) out uvec2 id;   // object + 1, triangle
+layout(location = 0) out uvec4 id;   // object + 1, triangle, and where in the cloth: see hand_over in scene_buffers.h
 
 void main()
 {
 #ifdef GAPS
     SceneObject object   = fetch_object(object_index);
     ClothSurface surface = cloth_surface(fetch_triangle(object.first_triangle + gl_PrimitiveID), frame_ray(gl_FragCoord.xy));
-    if (select_on(object, gl_PrimitiveID, surface, layer_random(pixel_seed(gl_FragCoord.xy), object_index, gl_PrimitiveID, 0u)).passes) discard;
+    ClothRandom random   = layer_random(pixel_seed(gl_FragCoord.xy), object_index, gl_PrimitiveID, 0u);
+    ClothFootprint footprint = footprint_on(object, gl_PrimitiveID, surface);
+    ClothPlace place     = cloth_find(object.maps, surface.side, footprint, surface.wo, frame_settings(), random);
+    if (cloth_meet(object.maps, surface.side, footprint, place, surface.wo, frame_settings(), random).passes) discard;
+    id = uvec4(uint(object_index) + 1u, uint(gl_PrimitiveID), hand_over(place));
+#else
+    id = uvec4(uint(object_index) + 1u, uint(gl_PrimitiveID), 0u, 0u);
 #endif
-    id = uvec2(uint(object_index) + 1u, uint(gl_PrimitiveID));
 }

@@ -529,8 +529,7 @@ bool lets_rays_through(const Scene& scene, const SceneObject& object)
     if (object.fabric < 0) return false;
     const PackedFabric& fabric = scene.fabrics[std::size_t(object.fabric)];
     const f32::ClothSettings& settings = scene.model.settings;
-    return fabric.has_gaps ||
-           (settings.unscattered && settings.bsdf == f32::cloth_bsdf_meso && fabric.lets_light_between_fibres);
+    return fabric.has_gaps || (settings.unscattered && fabric.lets_light_between_fibres);
 }
 
 } // namespace selvedge

@@ -492,20 +492,23 @@ def select(maps, side, tile, dx, dy, o, bsdf, mode, visibility, seed, index, off
 
 
 def transmittance(maps, tile, d, bsdf, visibility, unscattered):
-    """[5.2]: in a gap V V of the two sides; on a yarn, where the fibres let light through, U A_p / d.z times that [3.1]."""
+    """[5.2]: in a gap V V of the two sides; on a yarn, where the fibres let light through, U times that [3.1], weighted by A_p / d.z in the
+    meso model."""
     x, y = maps.texel_at(tile)
     up = -d if d[2] < 0 else d
     share = 1.0
     if up[2] <= 0:
         return 0.0
     if not maps.gap[0][y, x]:
-        if bsdf == 0 or not unscattered:
+        if not unscattered:
             return 0.0
         texel, yarn = maps.texel(0, x, y), maps.yarns[maps.yarn[0][y, x]]
         facing = texel[0:3] @ up
         if facing <= 0:
             return 0.0
-        share = np.exp(-yarn[14] * sggx_sigma(up, texel[6:9], yarn[13]) / max(facing, 1e-6)) * facing * texel[9] / up[2]
+        share = np.exp(-yarn[14] * sggx_sigma(up, texel[6:9], yarn[13]) / max(facing, 1e-6))
+        if bsdf == 1:
+            share *= facing * texel[9] / up[2]
     if bsdf == 0 or visibility == 0:
         return share
     return share * maps.visibility(0, x, y, up) * maps.visibility(1, x, y, np.array([-up[0], -up[1], up[2]]))

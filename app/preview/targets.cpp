@@ -48,7 +48,7 @@ void Targets::resize(glm::ivec2 size, const GlInfo& info)
         throw std::runtime_error(format_text("resolution %d,%d: %s draws at most %d pixels along a side", size.x,
                                              size.y, info.renderer.c_str(), info.texture_limit));
     extent = glm::ivec2(0);
-    ids = make_texture(GL_RG32UI, GL_RG_INTEGER, GL_UNSIGNED_INT, size);
+    ids = make_texture(GL_RGBA32UI, GL_RGBA_INTEGER, GL_UNSIGNED_INT, size);
     depth = make_texture(GL_DEPTH_COMPONENT32F, GL_DEPTH_COMPONENT, GL_FLOAT, size);
     sum = make_texture(GL_RGBA32F, GL_RGBA, GL_FLOAT, size);
     visibility_buffer = make_framebuffer({*ids}, *depth);

@@ -47,7 +47,7 @@ FROM_OURS = {
     "ours, no interreflection": {"interreflection": "false"},
     "ours, no twist noise": {"twist_noise": "false"},
 }
-BASE = {"micro": {"bsdf": "micro", "unscattered": "false", "interreflection": "false"}, "jin": {"mode": "jin"}}
+BASE = {"micro": {"bsdf": "micro"}, "jin": {"mode": "jin"}}
 GROUPS = {"ladder": LADDER, "paper": FROM_PAPER, "ours": FROM_OURS, "base": BASE}
 MODELS = {name: keys for group in GROUPS.values() for name, keys in group.items()}
 OURS, MICRO = "+interreflection = ours", "micro"

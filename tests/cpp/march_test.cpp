@@ -58,31 +58,6 @@ glm::dvec2 slow_march(const f64::ClothMaps& maps, int side, glm::dvec2 tile, glm
 
 } // namespace
 
-TEST_CASE("bounds of heights are above every height near the cell")
-{
-    std::mt19937 random(3);
-    for (const glm::ivec2 size : {glm::ivec2(64, 32), glm::ivec2(36, 50), glm::ivec2(4, 6)}) {
-        std::vector<std::uint16_t> heights(std::size_t(size.x * size.y));
-        for (auto& height : heights) height = std::uint16_t(random() % 300);
-        heights[std::size_t(size.x + 1)] = 9999;
-        const auto bounds = height_bounds(heights, size);
-        const int row = (size.x + 7) / 8;
-        REQUIRE(bounds.size() == std::size_t(row * ((size.y + 7) / 8)));
-        bool tight = false;
-        for (int y = 0; y < size.y; ++y)
-            for (int x = 0; x < size.x; ++x)
-                for (int dy = -8; dy <= 8; ++dy)
-                    for (int dx = -8; dx <= 8; ++dx) {
-                        const int wx = ((x + dx) % size.x + size.x) % size.x,
-                                  wy = ((y + dy) % size.y + size.y) % size.y;
-                        const auto bound = bounds[std::size_t(y / 8 * row + x / 8)];
-                        if (heights[std::size_t(wy * size.x + wx)] > bound) FAIL("a height is above its bound");
-                        tight = tight || bound < 9999;
-                    }
-        if (size.x > 32) CHECK(tight);
-    }
-}
-
 TEST_CASE("the march finds what the eye sees, at every angle and on both sides")
 {
     const Relief relief;

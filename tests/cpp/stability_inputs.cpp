@@ -857,18 +857,6 @@ RowTables make_tables()
                 draw.chance(12) ? 65535 * draw.whole(2)
                                 : 65535 * std::clamp(hill + draw.between(-0.1, 0.1), 0.0, 1.0)));
         }
-    // The bounds of the cells: the highest of the cell and of its neighbours, around the repeat.
-    const int cell = cloth::f64::cloth_bound_cell;
-    const glm::ivec2 cells = (t.size + cell - 1) / cell;
-    for (int y = 0; y < cells.y; ++y)
-        for (int x = 0; x < cells.x; ++x) {
-            std::uint16_t highest = 0;
-            for (int v = (y - 1) * cell; v < (y + 2) * cell; ++v)
-                for (int u = (x - 1) * cell; u < (x + 2) * cell; ++u)
-                    highest = std::max(highest, t.heights[static_cast<std::size_t>(
-                                                    (v + t.size.y) % t.size.y * t.size.x + (u + t.size.x) % t.size.x)]);
-            t.heights.push_back(highest);
-        }
     std::vector<double> numbers(static_cast<std::size_t>(count) * 8);
     Writer asg(numbers.data());
     for (int k = 0; k < count; ++k) {
