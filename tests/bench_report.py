@@ -170,6 +170,12 @@ ran out above the error, and that the last points' slope and cost per sample wer
 What each ingredient of the model gains and costs; the tables and how they were measured are in [ingredients.md](ingredients.md). Here are the
 worst fabrics' figures: accuracy of visibility against exact rays; error of the effective reflectance of close-ups at 75 degrees
 against path tracing of the relief, all bounces for our mode, the first for the paper's; and time a sample over that of `micro`.""",
+    "mitsuba-3": """\
+Efficiency, 1/(relMSE × seconds), of the reference over that of Mitsuba 3 (`llvm_ad_rgb`, `path`), on scenes that both render: same meshes,
+resolution and depth, two threads each, seconds of rendering alone. The figure is over Mitsuba with the sampler that suits it best here,
+`multijitter`; the note adds the ratio over its default, `independent`. relMSE is against a long render by the reference, less that render's own
+noise. `cloth_drape` is the ply-level model (`--bsdf micro`), in Mitsuba a Python plugin of the tests. That both renderers have the same expected
+pictures is tested in `tests/test_mitsuba.py`.""",
     "preview": """\
 What the preview costs and saves, with software OpenGL unless the line above names a card. A frame is one sample of every pixel.
 *specialised_over_general*: time of the program that the scene needs over that of the one that can do everything (`--keep all`), which draws
