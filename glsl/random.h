@@ -83,16 +83,23 @@ struct ClothRandom {
     uint seed;     // hash of pixel, block, and whatever else must be independent
     uint index;    // sample inside the block
     uint offset;   // first dimension of this vertex
+#ifdef __cplusplus
+    const uvec2* drawn = nullptr;   // the bits of this vertex by dimension, where somebody has drawn them for many streams at once
+#endif
 };
-
-CLOTH_FN real2 cloth_draw(ClothRandom random, uint dimension)
-{
-    return cloth_random(random.seed, random.index, random.offset + dimension);
-}
 
 CLOTH_FN uvec2 cloth_draw_bits(ClothRandom random, uint dimension)
 {
+#ifdef __cplusplus
+    if (random.drawn) return random.drawn[dimension];
+#endif
     return cloth_random_bits(random.seed, random.index, random.offset + dimension);
+}
+
+CLOTH_FN real2 cloth_draw(ClothRandom random, uint dimension)
+{
+    uvec2 bits = cloth_draw_bits(random, dimension);
+    return real2(cloth_unit(bits.x), cloth_unit(bits.y));
 }
 
 // Samples come in blocks. Inside a block the points are stratified; blocks are independent, so the spread of their means

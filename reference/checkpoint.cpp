@@ -14,9 +14,10 @@ namespace selvedge
 namespace
 {
 
-constexpr char magic[8] = {'S', 'L', 'V', 'C', 'K', 'P', 'T', '1'};
+constexpr char magic[8] = {'S', 'L', 'V', 'C', 'K', 'P', 'T', '2'};
 
-static_assert(sizeof(PixelSums) == 10 * sizeof(double) && std::is_trivially_copyable_v<PixelSums>);
+static_assert(sizeof(PixelSums) == 16 * sizeof(double) && std::is_trivially_copyable_v<PixelSums>);
+static_assert(sizeof(TileState) == 16 && std::is_trivially_copyable_v<TileState>);
 
 std::uint64_t checksum(const std::string& bytes, std::size_t size)
 {
@@ -84,11 +85,12 @@ class Reader
 
 std::string checkpoint_owner(const Scene& scene, const RenderSettings& settings)
 {
-    return format_text("scene %s, %s, max depth %d, seed %u, %d x %d, region %d,%d,%d,%d, aovs %u, model %s",
-                       scene.hash.c_str(), settings.integrator == Integrator::direct ? "direct" : "path",
-                       settings.max_depth, settings.seed, settings.resolution.x, settings.resolution.y,
-                       settings.region.x, settings.region.y, settings.region.z, settings.region.w, settings.aovs,
-                       model_json(scene.model).dump().c_str());
+    return format_text(
+        "scene %s, %s, max depth %d, seed %u, %d x %d, region %d,%d,%d,%d, aovs %u, target error %.9g, model %s",
+        scene.hash.c_str(), settings.integrator == Integrator::direct ? "direct" : "path", settings.max_depth,
+        settings.seed, settings.resolution.x, settings.resolution.y, settings.region.x, settings.region.y,
+        settings.region.z, settings.region.w, settings.aovs, settings.target_error,
+        model_json(scene.model).dump().c_str());
 }
 
 void write_checkpoint(const std::string& path, const std::string& owner, const Checkpoint& checkpoint)
@@ -100,10 +102,13 @@ void write_checkpoint(const std::string& path, const std::string& owner, const C
     put(bytes, checkpoint.block_length);
     put(bytes, checkpoint.seconds);
     for (const std::uint64_t count :
-         {state.samples, state.rays, state.shadow_rays, state.rays_saved, state.bad_samples})
+         {state.samples, state.rays, state.shadow_rays, state.rays_saved, state.bad_samples, state.skipped})
         put(bytes, count);
     put_all(bytes, state.pixels);
     put_all(bytes, state.aovs);
+    put_all(bytes, state.tiles);
+    put_all(bytes, state.kept);
+    for (const double pilot : state.pilot) put(bytes, pilot);
     put(bytes, checksum(bytes, bytes.size()));
     write_file(path, bytes.data(), bytes.size());
 }
@@ -130,10 +135,13 @@ std::optional<Checkpoint> read_checkpoint(const std::string& path, const std::st
     checkpoint.seconds = reader.take<double>();
     RenderState& state = checkpoint.state;
     for (std::uint64_t* count :
-         {&state.samples, &state.rays, &state.shadow_rays, &state.rays_saved, &state.bad_samples})
+         {&state.samples, &state.rays, &state.shadow_rays, &state.rays_saved, &state.bad_samples, &state.skipped})
         *count = reader.take<std::uint64_t>();
     state.pixels = reader.take_all<PixelSums>();
     state.aovs = reader.take_all<double>();
+    state.tiles = reader.take_all<TileState>();
+    state.kept = reader.take_all<glm::dvec3>();
+    for (double& pilot : state.pilot) pilot = reader.take<double>();
     if (checkpoint.block_length == 0) reader.damaged();
     return checkpoint;
 }

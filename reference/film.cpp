@@ -92,18 +92,23 @@ void write_result(const std::string& path, const RenderResult& result, float exp
         write_exr(path, result_image(result), metadata);
 }
 
+glm::dvec3 block_variance(glm::dvec3 total, glm::dvec3 squares, double blocks, std::uint32_t block_length)
+{
+    if (blocks < 2.0) return glm::dvec3(0.0);
+    // sum (m_b - mean)^2 / (n - 1), with the mean of the complete blocks
+    const double length = double(block_length);
+    return glm::max(squares - total * total / blocks, glm::dvec3(0.0)) / (length * length * (blocks - 1.0));
+}
+
 PixelEstimate estimate(const PixelSums& sums, std::uint64_t samples, std::uint32_t block_length)
 {
     PixelEstimate result;
     if (samples == 0) return result;
-    result.mean = (sums.total + sums.block) / double(samples);
+    const glm::dvec3 total = sums.total[0] + sums.total[1];
+    result.mean = (total + sums.block) / double(samples);
     const double blocks = double(samples / block_length);
-    if (blocks >= 2.0) {
-        // sum (m_b - mean)^2 / (n (n - 1)), with the mean of the complete blocks
-        const double length = double(block_length);
-        const glm::dvec3 spread = (sums.squares - sums.total * sums.total / blocks) / (length * length);
-        result.variance = glm::max(spread, glm::dvec3(0.0)) / (blocks * (blocks - 1.0));
-    }
+    if (blocks >= 2.0)
+        result.variance = block_variance(total, sums.squares[0] + sums.squares[1], blocks, block_length) / blocks;
     return result;
 }
 

@@ -44,21 +44,25 @@ void write_result(const std::string& path, const RenderResult& result, float exp
 void check_result_path(const std::string& path); // also: throws InputError where the folder does not exist
 
 // Sums of one pixel. Samples come in blocks of equal length; the spread of the block means is the error estimate, since
-// samples inside a block are stratified against each other and blocks are not.
+// samples inside a block are stratified against each other and blocks are not. Even and odd blocks are summed apart:
+// each half is independent of the other, which adaptive sampling needs (integrator.hpp).
 struct PixelSums {
-    glm::dvec3 block{0.0};   // samples of the block that is not complete yet
-    glm::dvec3 total{0.0};   // of complete blocks
-    glm::dvec3 squares{0.0}; // of complete blocks' sums
-    double hits = 0.0;       // samples that met a surface
+    glm::dvec3 block{0.0};                                  // samples of the block that is not complete yet
+    glm::dvec3 total[2] = {glm::dvec3(0), glm::dvec3(0)};   // of complete blocks, even and odd ones
+    glm::dvec3 squares[2] = {glm::dvec3(0), glm::dvec3(0)}; // of complete blocks' sums
+    double hits = 0.0;                                      // samples that met a surface
 
-    // After the last sample of a block.
-    void finish_block()
+    // After the last sample of block `number`.
+    void finish_block(std::uint64_t number)
     {
-        total += block;
-        squares += block * block;
+        total[number & 1] += block;
+        squares[number & 1] += block * block;
         block = glm::dvec3(0.0);
     }
 };
+
+// Variance of a block's mean, from `blocks` complete blocks with the given sums; 0 where there are fewer than two.
+glm::dvec3 block_variance(glm::dvec3 total, glm::dvec3 squares, double blocks, std::uint32_t block_length);
 
 // Mean and variance of the mean after `samples` samples in blocks of `block_length`. Whole blocks only decide the
 // variance; the samples of a block that is not complete count in the mean.

@@ -1,11 +1,19 @@
 // Direct and path integrators. Shading comes from glsl/ alone; here are only visibility, order and bookkeeping.
+//
+// Samples go through in batches, one stage after the other for all of a batch: camera rays, closest hits, surfaces, the
+// points of the cloth, light, shadow rays, bounces. So random numbers are drawn for many samples at once, by vector
+// instructions; a triangle is fetched once for the samples that meet it; and what the next stage reads of a fabric's
+// maps is on its way from memory while others are shaded. Each sample's numbers depend on nothing but itself.
 #include "reference/integrator.hpp"
 
 #include <algorithm>
+#include <atomic>
 #include <cmath>
 #include <limits>
+#include <memory>
 
 #include <tbb/blocked_range2d.h>
+#include <tbb/enumerable_thread_specific.h>
 #include <tbb/parallel_for.h>
 
 namespace selvedge
@@ -17,8 +25,9 @@ namespace
 {
 
 constexpr int tile_side = 16;
-constexpr int layer_limit = 1024; // sheets that a ray passes through before it is given up
-constexpr int roulette_start = 3; // bounces that are never cut short
+constexpr int layer_limit = 1024;         // sheets that a ray passes through before it is given up
+constexpr std::uint32_t batch_size = 128; // samples; their state, 1 kB each, stays in the second-level cache
+constexpr std::uint32_t drawn_count = f32::cloth_dim_direction + 1;
 
 // A bounce has no pixel; it sees as wide a spot as its lobe is wide: half the side of a square of solid angle 1/pdf. So
 // a diffuse bounce averages over repeats of a fabric, which is what it would do with many samples (math.md 10, hazard
@@ -37,12 +46,43 @@ float largest(glm::vec3 v)
     return std::max(v.x, std::max(v.y, v.z));
 }
 
+bool is_good(glm::vec3 radiance)
+{
+    return std::min(radiance.x, std::min(radiance.y, radiance.z)) >= 0.0f &&
+           std::isfinite(radiance.x + radiance.y + radiance.z);
+}
+
+// The lobes of a yarn's value by themselves: it is a sum over them.
+f32::ClothShading only_lobe(const f32::ClothShading& shading, AovIndex term)
+{
+    f32::ClothShading lobe = shading;
+    f32::ClothYarn& yarn = lobe.selection.yarn;
+    if (term != aov_index_reflection_specular) yarn.albedo_r = glm::vec3(0.0f);
+    if (term != aov_index_reflection_diffuse) yarn.diffuse_r = glm::vec3(0.0f);
+    if (term != aov_index_transmission_specular) yarn.albedo_t = glm::vec3(0.0f);
+    if (term != aov_index_transmission_diffuse) yarn.diffuse_t = glm::vec3(0.0f);
+    if (term != aov_index_multiple_scattering) yarn.reflectance = glm::vec3(0.0f);
+    return lobe;
+}
+
+constexpr AovIndex lobe_terms[] = {aov_index_reflection_specular, aov_index_reflection_diffuse,
+                                   aov_index_transmission_specular, aov_index_transmission_diffuse,
+                                   aov_index_multiple_scattering};
+
 } // namespace
+
+int aov_channels(const AovRow& row)
+{
+    const std::string channels = row.channels;
+    return 1 + int(std::count(channels.begin(), channels.end(), ','));
+}
 
 int aov_channels(unsigned aovs)
 {
-    return (aovs & aov_normal ? 3 : 0) + (aovs & aov_depth ? 1 : 0) + (aovs & aov_uv ? 2 : 0) +
-           (aovs & aov_albedo ? 3 : 0);
+    int count = 0;
+    for (int k = 0; k < aov_count; ++k)
+        if (aovs >> k & 1u) count += aov_channels(aov_rows[k]);
+    return count;
 }
 
 struct Renderer::Counters {
@@ -57,12 +97,77 @@ struct Renderer::Vertex {
     f32::ClothShading shading;
 };
 
+// Samples on their way, one a lane; and room for each stage's lists of lanes.
+struct Renderer::Batch {
+    std::uint32_t count = 0;
+    std::uint32_t pixel[batch_size]; // of RenderState::pixels
+    std::uint64_t block[batch_size];
+    std::uint32_t seed[batch_size], index[batch_size];
+    std::uint32_t offset = 0;     // first dimension of the present vertex
+    glm::ivec2 place[batch_size]; // the pixel's
+    glm::uvec2 drawn[batch_size][drawn_count];
+
+    f32::ClothRay ray[batch_size];
+    Vertex vertex[batch_size];
+    bool met[batch_size], through[batch_size]; // through: passed a cloth before
+    glm::vec3 throughput[batch_size], radiance[batch_size], first_light[batch_size];
+
+    std::uint32_t alive_count = 0;
+    std::uint32_t alive[batch_size]; // lanes with a vertex, or with a ray to it, in rising order
+
+    // of find_vertices
+    std::uint32_t walking[batch_size], found[batch_size];
+    float near[batch_size];
+    std::uint32_t passed_object[batch_size], passed_triangle[batch_size];
+    RayHit hit[batch_size];
+
+    // of add_direct_light
+    std::uint32_t lit[batch_size];
+    f32::ClothDirect light[batch_size];
+
+    f32::ClothRandom random(std::uint32_t lane) const { return {seed[lane], index[lane], offset, drawn[lane]}; }
+
+    // Random bits of the given dimensions for lanes[0 .. n), in the streams of seeds[0 .. n).
+    void draw(const std::uint32_t* lanes, std::uint32_t n, const std::uint32_t* seeds,
+              std::initializer_list<std::uint32_t> dimensions)
+    {
+        std::uint32_t indices[batch_size], x[batch_size], y[batch_size];
+        for (std::uint32_t k = 0; k < n; ++k) indices[k] = index[lanes[k]];
+        for (const std::uint32_t dimension : dimensions) {
+            for (std::uint32_t k = 0; k < n; ++k) {
+                const glm::uvec2 bits = f32::cloth_random_bits(seeds[k], indices[k], offset + dimension);
+                x[k] = bits.x;
+                y[k] = bits.y;
+            }
+            for (std::uint32_t k = 0; k < n; ++k) drawn[lanes[k]][dimension] = {x[k], y[k]};
+        }
+    }
+    void draw_alive(std::initializer_list<std::uint32_t> dimensions)
+    {
+        std::uint32_t seeds[batch_size];
+        for (std::uint32_t k = 0; k < alive_count; ++k) seeds[k] = seed[alive[k]];
+        draw(alive, alive_count, seeds, dimensions);
+    }
+};
+
 Renderer::Renderer(const Scene& scene, const RayScene& rays, const RenderSettings& settings)
     : scene_(scene), rays_(rays), settings_(settings), camera_(make_camera(scene.camera, settings.resolution)),
       lights_(lights_of(scene))
 {
-    for (const SceneObject& object : scene.objects)
+    for (const SceneObject& object : scene.objects) {
         maps_.push_back(object.fabric >= 0 ? maps_of(scene.fabrics[std::size_t(object.fabric)]) : f32::ClothMaps{});
+        any_fabric_ = any_fabric_ || object.fabric >= 0;
+    }
+    for (const f32::ClothLight& light : scene.lights) delta_lights_ = delta_lights_ && f32::cloth_light_is_delta(light);
+    for (int k = 0; k < aov_count; ++k) {
+        const bool asked = settings.aovs >> k & 1u;
+        aov_start_[k] = asked ? int(aov_channels_) : -1;
+        if (asked) aov_channels_ += std::size_t(aov_channels(aov_rows[k]));
+    }
+    const glm::ivec4 region = settings.region;
+    first_tile_ = {region.x / tile_side, region.y / tile_side};
+    tile_count_ =
+        glm::ivec2((region.z + tile_side - 1) / tile_side, (region.w + tile_side - 1) / tile_side) - first_tile_;
 }
 
 RenderState Renderer::start() const
@@ -71,214 +176,501 @@ RenderState Renderer::start() const
                       height = std::size_t(settings_.region.w - settings_.region.y);
     RenderState state;
     state.pixels.resize(width * height);
-    state.aovs.assign(width * height * std::size_t(aov_channels(settings_.aovs)), 0.0);
+    state.aovs.assign(width * height * aov_channels_, 0.0);
+    if (settings_.target_error > 0.0) {
+        state.tiles.resize(std::size_t(tile_count_.x) * std::size_t(tile_count_.y));
+        state.kept.assign(2 * width * height, glm::dvec3(0.0));
+    }
     return state;
 }
 
-// Front to back through the sheets: the first surface that the ray does not pass.
-bool Renderer::find_vertex(Vertex& vertex, const f32::ClothRay& ray, f32::ClothRandom random, Counters& counters) const
+// Camera rays of the batch's samples.
+void Renderer::begin(Batch& batch, Counters&) const
 {
-    float near = 0.0f;
-    std::uint32_t passed_object = ~0u, passed_triangle = ~0u;
-    for (int layer = 0; layer < layer_limit; ++layer) {
-        ++counters.rays;
-        const RayHit hit = rays_.closest(ray.origin, ray.direction, near, std::numeric_limits<float>::infinity());
-        if (!hit.any) return false;
-        near = std::nextafter(hit.distance, std::numeric_limits<float>::infinity());
-        if (hit.object == passed_object && hit.triangle == passed_triangle) continue;
-        const SceneObject& object = scene_.objects[hit.object];
-        vertex.object = hit.object;
-        vertex.triangle = hit.triangle;
-        vertex.distance = hit.distance;
-        vertex.surface = f32::cloth_surface(triangle_of(object, hit.triangle), ray);
-        if (object.fabric < 0) {
-            vertex.shading = f32::cloth_shade_matte(object.albedo);
-            return true;
+    batch.offset = 0;
+    batch.alive_count = batch.count;
+    for (std::uint32_t k = 0; k < batch.count; ++k) batch.alive[k] = k;
+    batch.draw_alive({f32::cloth_dim_pixel});
+    for (std::uint32_t k = 0; k < batch.count; ++k) {
+        const glm::vec2 u = f32::cloth_draw(batch.random(k), f32::cloth_dim_pixel);
+        const glm::vec2 centre = glm::vec2(batch.place[k]) + glm::vec2(0.5f);
+        batch.ray[k] = f32::cloth_camera_ray(camera_, centre + f32::cloth_filter_offset(scene_.film.filter, u));
+        batch.throughput[k] = glm::vec3(1.0f);
+        batch.radiance[k] = glm::vec3(0.0f);
+        batch.first_light[k] = glm::vec3(0.0f);
+        batch.through[k] = false;
+    }
+}
+
+// For the rays of all lanes alive: front to back through the sheets to the first surface that the ray does not pass.
+// Lanes whose ray meets none are no longer alive.
+void Renderer::find_vertices(Batch& batch, bool camera, Counters& counters) const
+{
+    std::uint32_t walking = batch.alive_count;
+    for (std::uint32_t k = 0; k < walking; ++k) {
+        const std::uint32_t lane = batch.alive[k];
+        batch.walking[k] = lane;
+        batch.near[lane] = 0.0f;
+        batch.passed_object[lane] = batch.passed_triangle[lane] = ~0u;
+        batch.met[lane] = false;
+    }
+    std::uint32_t seeds[batch_size];
+    for (int layer = 0; layer < layer_limit && walking > 0; ++layer) {
+        std::uint32_t found = 0, again = 0;
+        for (std::uint32_t k = 0; k < walking; ++k) {
+            const std::uint32_t lane = batch.walking[k];
+            const f32::ClothRay& ray = batch.ray[lane];
+            ++counters.rays;
+            const RayHit hit =
+                rays_.closest(ray.origin, ray.direction, batch.near[lane], std::numeric_limits<float>::infinity());
+            if (!hit.any) continue;
+            batch.near[lane] = std::nextafter(hit.distance, std::numeric_limits<float>::infinity());
+            if (hit.object == batch.passed_object[lane] && hit.triangle == batch.passed_triangle[lane]) {
+                batch.walking[again++] = lane;
+                continue;
+            }
+            batch.hit[lane] = hit;
+            batch.found[found++] = lane;
         }
-        f32::ClothRandom layer_random = random;
-        layer_random.seed = f32::cloth_hash_combine(f32::cloth_hash_combine(random.seed, hit.object), hit.triangle);
-        const f32::ClothFootprint footprint{vertex.surface.tile, vertex.surface.tile_dx, vertex.surface.tile_dy,
-                                            object.mesh.tile_base[hit.triangle]};
-        const f32::ClothMaps& maps = maps_[hit.object];
-        const f32::ClothSelection selection = f32::cloth_select(maps, vertex.surface.side, footprint, vertex.surface.wo,
-                                                                scene_.model.settings, layer_random);
-        if (!selection.passes) {
-            vertex.shading = f32::cloth_shade_fabric(selection);
-            return true;
+
+        // Surfaces. Neighbouring samples often meet one triangle.
+        std::uint32_t fabrics = 0, last_object = ~0u, last_triangle = ~0u;
+        f32::ClothTriangle triangle;
+        for (std::uint32_t k = 0; k < found; ++k) {
+            const std::uint32_t lane = batch.found[k];
+            const RayHit& hit = batch.hit[lane];
+            const SceneObject& object = scene_.objects[hit.object];
+            if (hit.object != last_object || hit.triangle != last_triangle) {
+                triangle = triangle_of(object, hit.triangle);
+                last_object = hit.object;
+                last_triangle = hit.triangle;
+            }
+            Vertex& vertex = batch.vertex[lane];
+            vertex.object = hit.object;
+            vertex.triangle = hit.triangle;
+            vertex.distance = hit.distance;
+            vertex.surface = f32::cloth_surface(triangle, batch.ray[lane]);
+            if (object.fabric < 0) {
+                vertex.shading = f32::cloth_shade_matte(object.albedo);
+                batch.met[lane] = true;
+                continue;
+            }
+            seeds[fabrics] =
+                f32::cloth_hash_combine(f32::cloth_hash_combine(batch.seed[lane], hit.object), hit.triangle);
+            batch.found[fabrics++] = lane;
         }
-        passed_object = hit.object;
-        passed_triangle = hit.triangle;
+
+        // The points of the cloth.
+        batch.draw(batch.found, fabrics, seeds, {f32::cloth_dim_footprint, f32::cloth_dim_texel, f32::cloth_dim_pick});
+        for (std::uint32_t k = 0; k < fabrics; ++k) {
+            const std::uint32_t lane = batch.found[k];
+            Vertex& vertex = batch.vertex[lane];
+            const f32::ClothFootprint footprint{vertex.surface.tile, vertex.surface.tile_dx, vertex.surface.tile_dy,
+                                                scene_.objects[vertex.object].mesh.tile_base[vertex.triangle]};
+            f32::ClothRandom random = batch.random(lane);
+            random.seed = seeds[k];
+            const f32::ClothSelection selection = f32::cloth_select(
+                maps_[vertex.object], vertex.surface.side, footprint, vertex.surface.wo, scene_.model.settings, random);
+            if (!selection.passes) {
+                vertex.shading = f32::cloth_shade_fabric(selection);
+                batch.met[lane] = true;
+                continue;
+            }
+            batch.passed_object[lane] = vertex.object;
+            batch.passed_triangle[lane] = vertex.triangle;
+            batch.through[lane] = batch.through[lane] || camera;
+            batch.walking[again++] = lane;
+        }
+        walking = again;
     }
-    return false;
+    std::uint32_t alive = 0;
+    for (std::uint32_t k = 0; k < batch.alive_count; ++k)
+        if (batch.met[batch.alive[k]]) batch.alive[alive++] = batch.alive[k];
+    batch.alive_count = alive;
 }
 
-glm::vec3 Renderer::direct_light(const Vertex& vertex, f32::ClothRandom random, Counters& counters) const
+// One sample of direct light at each vertex. The lights' values first, then the shadow rays of those that are not 0.
+void Renderer::add_direct_light(Batch& batch, Counters& counters) const
 {
-    const f32::ClothDirect light =
-        f32::cloth_direct(lights_, maps_[vertex.object], vertex.surface, vertex.shading, scene_.model.settings, random);
-    if (!light.any) {
-        ++counters.rays_saved;
-        return glm::vec3(0.0f);
+    // Lights without extent are not sampled.
+    if (delta_lights_)
+        batch.draw_alive({f32::cloth_dim_light});
+    else
+        batch.draw_alive(
+            {f32::cloth_dim_light, f32::cloth_dim_emitter, f32::cloth_dim_subtexel, f32::cloth_dim_direction});
+    std::uint32_t lit = 0;
+    for (std::uint32_t k = 0; k < batch.alive_count; ++k) {
+        const std::uint32_t lane = batch.alive[k];
+        const Vertex& vertex = batch.vertex[lane];
+        batch.light[lane] = f32::cloth_direct(lights_, maps_[vertex.object], vertex.surface, vertex.shading,
+                                              scene_.model.settings, batch.random(lane));
+        if (batch.light[lane].any)
+            batch.lit[lit++] = lane;
+        else
+            ++counters.rays_saved;
     }
-    const glm::vec3 normal =
-        glm::dot(light.wi, vertex.surface.normal_g) > 0.0f ? vertex.surface.normal_g : -vertex.surface.normal_g;
-    const glm::vec3 origin = f32::cloth_leave(vertex.surface.position, normal);
-    ++counters.shadow_rays;
-    return light.value * rays_.transmittance(origin, light.wi, light.distance * (1.0f - 1e-4f), scene_.model.settings);
+    for (std::uint32_t k = 0; k < lit; ++k) {
+        const std::uint32_t lane = batch.lit[k];
+        const f32::ClothSurface& surface = batch.vertex[lane].surface;
+        const f32::ClothDirect& light = batch.light[lane];
+        const glm::vec3 normal = glm::dot(light.wi, surface.normal_g) > 0.0f ? surface.normal_g : -surface.normal_g;
+        const glm::vec3 origin = f32::cloth_leave(surface.position, normal);
+        const glm::vec3 value =
+            light.value * rays_.transmittance(origin, light.wi, light.distance * (1.0f - 1e-4f), scene_.model.settings);
+        batch.first_light[lane] = value; // read after the first vertex only
+        batch.radiance[lane] += batch.throughput[lane] * value;
+    }
+    counters.shadow_rays += lit;
 }
 
-void Renderer::add_aovs(double* sums, const Vertex& first, bool first_hit) const
+// From each vertex on: new rays, less the lanes that end here.
+void Renderer::bounce(Batch& batch, int depth) const
 {
-    if (settings_.aovs & aov_normal)
-        for (int c = 0; c < 3; ++c) *sums++ += double(first.surface.frame.z[c]);
-    if (settings_.aovs & aov_depth) *sums++ += double(first.distance); // the camera ray's forward component is 1
-    if (settings_.aovs & aov_uv)
-        for (int c = 0; c < 2; ++c, ++sums)
-            if (first_hit) *sums = double(first.surface.tile[c] - std::floor(first.surface.tile[c]));
-    if (settings_.aovs & aov_albedo) {
-        const f32::ClothYarn& yarn = first.shading.selection.yarn;
-        const glm::vec3 albedo = first.shading.matte
-                                     ? first.shading.albedo
-                                     : glm::min(yarn.albedo_r + yarn.diffuse_r + yarn.diffuse_t, glm::vec3(1.0f));
-        for (int c = 0; c < 3; ++c) *sums++ += double(albedo[c]);
-    }
-}
-
-glm::vec3 Renderer::sample(glm::ivec2 pixel, std::uint32_t block, std::uint32_t index, Counters& counters,
-                           Vertex& first, bool& hit) const
-{
-    const std::uint32_t pixel_index =
-        std::uint32_t(pixel.y) * std::uint32_t(settings_.resolution.x) + std::uint32_t(pixel.x);
-    f32::ClothRandom random{
-        f32::cloth_hash_combine(f32::cloth_hash_combine(f32::cloth_hash(settings_.seed), pixel_index), block), index,
-        0u};
-    const glm::vec2 centre = glm::vec2(pixel) + glm::vec2(0.5f);
-    f32::ClothRay ray = f32::cloth_camera_ray(
-        camera_, centre + f32::cloth_filter_offset(scene_.film.filter, f32::cloth_draw(random, f32::cloth_dim_pixel)));
-
-    hit = find_vertex(first, ray, random, counters);
-    if (!hit) return f32::cloth_background(lights_, glm::normalize(ray.direction));
-    glm::vec3 radiance = direct_light(first, random, counters);
-    if (settings_.integrator == Integrator::direct || settings_.max_depth == 1) return radiance;
-
-    Vertex vertex = first;
-    glm::vec3 throughput(1.0f);
-    for (int depth = 1; depth < settings_.max_depth; ++depth) {
-        const f32::ClothSample bounce = f32::cloth_shading_sample(
+    batch.draw_alive({f32::cloth_dim_lobe, f32::cloth_dim_direction});
+    std::uint32_t alive = 0;
+    for (std::uint32_t k = 0; k < batch.alive_count; ++k) {
+        const std::uint32_t lane = batch.alive[k];
+        const Vertex& vertex = batch.vertex[lane];
+        const f32::ClothRandom random = batch.random(lane);
+        const f32::ClothSample sample = f32::cloth_shading_sample(
             vertex.shading, vertex.surface.wo, scene_.model.settings, f32::cloth_draw(random, f32::cloth_dim_lobe),
             f32::cloth_draw(random, f32::cloth_dim_direction));
-        if (bounce.pdf <= 0.0f) break;
-        const glm::vec3 wi = f32::cloth_to_world(vertex.surface.frame, bounce.wi);
+        if (sample.pdf <= 0.0f) continue;
+        const glm::vec3 wi = f32::cloth_to_world(vertex.surface.frame, sample.wi);
         // As in cloth_direct: both normals must agree on the side.
         const float side = glm::dot(wi, vertex.surface.normal_g);
-        if (bounce.wi.z * side <= 0.0f) break;
-        throughput *= f32::cloth_shading_value(maps_[vertex.object], vertex.shading, bounce.wi, vertex.surface.wo,
+        if (sample.wi.z * side <= 0.0f) continue;
+        glm::vec3& throughput = batch.throughput[lane];
+        throughput *= f32::cloth_shading_value(maps_[vertex.object], vertex.shading, sample.wi, vertex.surface.wo,
                                                scene_.model.settings) /
-                      bounce.pdf;
-        if (!(largest(throughput) > 0.0f)) break;
-
+                      sample.pdf;
+        if (!(largest(throughput) > 0.0f)) continue;
         const glm::vec3 origin =
             f32::cloth_leave(vertex.surface.position, side > 0.0f ? vertex.surface.normal_g : -vertex.surface.normal_g);
-        random.offset += f32::cloth_dims_per_vertex;
-        if (depth > roulette_start) {
-            // The row of the pixel filter is free from the second vertex on.
-            const float survive = std::min(largest(throughput), 0.95f);
-            if (f32::cloth_draw(random, f32::cloth_dim_pixel).x >= survive) break;
-            throughput /= survive;
-        }
-        ray = bounce_ray(origin, glm::normalize(wi), bounce.pdf);
-        if (!find_vertex(vertex, ray, random, counters)) break; // the environment is counted by cloth_direct
-        radiance += throughput * direct_light(vertex, random, counters);
+        // Without fabric nothing has a footprint.
+        batch.ray[lane] = any_fabric_ ? bounce_ray(origin, glm::normalize(wi), sample.pdf)
+                                      : f32::ClothRay{origin, glm::normalize(wi), glm::vec3(0.0f), glm::vec3(0.0f)};
+        batch.alive[alive++] = lane;
     }
-    return radiance;
+    batch.alive_count = alive;
+    batch.offset += f32::cloth_dims_per_vertex;
+    if (depth <= settings_.roulette_start) return;
+    // The row of the pixel filter is free from the second vertex on.
+    batch.draw_alive({f32::cloth_dim_pixel});
+    alive = 0;
+    for (std::uint32_t k = 0; k < batch.alive_count; ++k) {
+        const std::uint32_t lane = batch.alive[k];
+        const float survive = std::min(largest(batch.throughput[lane]), 0.95f);
+        if (f32::cloth_draw(batch.random(lane), f32::cloth_dim_pixel).x >= survive) continue;
+        batch.throughput[lane] /= survive;
+        batch.alive[alive++] = lane;
+    }
+    batch.alive_count = alive;
 }
 
-glm::vec3 Renderer::sample_pixel(glm::ivec2 pixel, std::uint32_t block, std::uint32_t index) const
+void Renderer::add_term(RenderState& state, std::uint32_t pixel, AovIndex term, glm::vec3 value) const
 {
-    Counters counters;
-    Vertex first;
-    bool hit = false;
-    return sample(pixel, block, index, counters, first, hit);
+    if (aov_start_[term] < 0 || !is_good(value)) return;
+    double* sums = state.aovs.data() + pixel * aov_channels_ + aov_start_[term];
+    for (int c = 0; c < 3; ++c) sums[c] += double(value[c]);
+}
+
+// Layers of the first vertex of a lane, its direct light included.
+void Renderer::add_first_aovs(Batch& batch, std::uint32_t lane, RenderState& state) const
+{
+    const Vertex& first = batch.vertex[lane];
+    const f32::ClothShading& shading = first.shading;
+    const SceneObject& object = scene_.objects[first.object];
+    const f32::ClothYarn& yarn = shading.selection.yarn;
+    double* const sums = state.aovs.data() + batch.pixel[lane] * aov_channels_;
+    const bool first_hit = state.pixels[batch.pixel[lane]].hits == 0.0;
+    const auto layer = [&](AovIndex index) { return aov_start_[index] < 0 ? nullptr : sums + aov_start_[index]; };
+
+    if (double* to = layer(aov_index_albedo)) {
+        const glm::vec3 albedo =
+            shading.matte ? shading.albedo : glm::min(yarn.albedo_r + yarn.diffuse_r + yarn.diffuse_t, glm::vec3(1.0f));
+        for (int c = 0; c < 3; ++c) to[c] += double(albedo[c]);
+    }
+    if (double* to = layer(aov_index_normal))
+        for (int c = 0; c < 3; ++c) to[c] += double(first.surface.frame.z[c]);
+    if (double* to = layer(aov_index_depth)) *to += double(first.distance); // a camera ray's forward component is 1
+    if (first_hit) {
+        if (double* to = layer(aov_index_uv))
+            for (int c = 0; c < 2; ++c) to[c] = double(first.surface.tile[c] - std::floor(first.surface.tile[c]));
+        if (double* to = layer(aov_index_object)) *to = double(first.object + 1);
+        if (double* to = layer(aov_index_fabric)) *to = double(object.fabric + 1);
+        if (double* to = layer(aov_index_yarn)) *to = shading.matte ? 0.0 : double(shading.selection.texel.yarn + 1);
+    }
+    if (double* to = layer(aov_index_visibility); to && !shading.matte && lights_.count > 0) {
+        // Light sampling alone: cloth_direct's own direction is drawn to fit the fibres.
+        const f32::ClothRandom random = batch.random(lane);
+        const f32::ClothLightChoice choice =
+            f32::cloth_choose_light(lights_, f32::cloth_draw(random, f32::cloth_dim_light).x);
+        const f32::ClothLightSample seen = f32::cloth_light_sample(
+            lights_, choice.light, first.surface.position, f32::cloth_draw(random, f32::cloth_dim_subtexel),
+            f32::cloth_draw_bits(random, f32::cloth_dim_emitter));
+        const glm::vec3 wi = f32::cloth_to_local(first.surface.frame, seen.wi);
+        const bool reflected = wi.z > 0.0f;
+        if (seen.pdf > 0.0f)
+            *to += double(f32::cloth_visibility_at(
+                maps_[first.object], reflected ? shading.selection.side : 1 - shading.selection.side,
+                shading.selection.xy, reflected ? wi : f32::cloth_mirror(wi), scene_.model.settings));
+    }
+    if (!(settings_.aovs & aov_terms) || batch.through[lane] || !batch.light[lane].any) return;
+    if (shading.matte) {
+        add_term(state, batch.pixel[lane], aov_index_matte, batch.first_light[lane]);
+        return;
+    }
+    const glm::vec3 wi = f32::cloth_to_local(first.surface.frame, batch.light[lane].wi);
+    const auto value = [&](const f32::ClothShading& lobes) {
+        return f32::cloth_shading_value(maps_[first.object], lobes, wi, first.surface.wo, scene_.model.settings);
+    };
+    const glm::vec3 whole = value(shading);
+    for (const AovIndex term : lobe_terms) {
+        if (aov_start_[term] < 0) continue;
+        glm::vec3 share = value(only_lobe(shading, term));
+        for (int c = 0; c < 3; ++c) share[c] = whole[c] > 0.0f ? share[c] / whole[c] : 0.0f;
+        add_term(state, batch.pixel[lane], term, batch.first_light[lane] * share);
+    }
+}
+
+// All samples of the batch, into the sums of their pixels in the order of the lanes.
+void Renderer::trace(Batch& batch, RenderState& state, Counters& counters) const
+{
+    begin(batch, counters);
+    find_vertices(batch, true, counters);
+    add_direct_light(batch, counters);
+
+    for (std::uint32_t lane = 0; lane < batch.count; ++lane)
+        if (!batch.met[lane])
+            batch.radiance[lane] = f32::cloth_background(lights_, glm::normalize(batch.ray[lane].direction));
+    bool seen[batch_size]; // met[] is overwritten by bounces
+    std::copy_n(batch.met, batch.count, seen);
+    if (aov_channels_ > 0) {
+        for (std::uint32_t lane = 0; lane < batch.count; ++lane) {
+            if (seen[lane])
+                add_first_aovs(batch, lane, state);
+            else if (!batch.through[lane])
+                add_term(state, batch.pixel[lane], aov_index_background, batch.radiance[lane]);
+            state.pixels[batch.pixel[lane]].hits += seen[lane] ? 1.0 : 0.0;
+        }
+    } else {
+        for (std::uint32_t lane = 0; lane < batch.count; ++lane)
+            state.pixels[batch.pixel[lane]].hits += seen[lane] ? 1.0 : 0.0;
+    }
+
+    glm::vec3 first_radiance[batch_size];
+    if (settings_.aovs & aov_indirect) std::copy_n(batch.radiance, batch.count, first_radiance);
+    const int depth_limit = settings_.integrator == Integrator::direct ? 1 : settings_.max_depth;
+    for (int depth = 1; depth < depth_limit && batch.alive_count > 0; ++depth) {
+        bounce(batch, depth);
+        find_vertices(batch, false, counters); // a ray that meets nothing: the environment is counted by cloth_direct
+        add_direct_light(batch, counters);
+    }
+
+    for (std::uint32_t lane = 0; lane < batch.count; ++lane) {
+        PixelSums& sums = state.pixels[batch.pixel[lane]];
+        const glm::vec3 radiance = batch.radiance[lane];
+        if (is_good(radiance))
+            sums.block += glm::dvec3(radiance);
+        else
+            ++counters.bad_samples;
+        if (batch.through[lane])
+            add_term(state, batch.pixel[lane], aov_index_delta, radiance);
+        else if (settings_.aovs & aov_indirect)
+            add_term(state, batch.pixel[lane], aov_index_indirect, radiance - first_radiance[lane]);
+        if (batch.index[lane] + 1 == settings_.block_length) sums.finish_block(batch.block[lane]);
+    }
 }
 
 void Renderer::add_samples(RenderState& state, std::uint32_t count) const
 {
     const glm::ivec4 region = settings_.region;
     const std::size_t width = std::size_t(region.z - region.x);
-    const std::size_t channels = std::size_t(aov_channels(settings_.aovs));
-    std::atomic<std::uint64_t> rays{0}, shadow_rays{0}, rays_saved{0}, bad_samples{0};
-    tbb::parallel_for(tbb::blocked_range2d<int>(region.y, region.w, tile_side, region.x, region.z, tile_side),
-                      [&](const tbb::blocked_range2d<int>& tile) {
-                          Counters counters;
-                          Vertex first;
-                          for (int y = tile.rows().begin(); y < tile.rows().end(); ++y)
-                              for (int x = tile.cols().begin(); x < tile.cols().end(); ++x) {
-                                  const std::size_t at = std::size_t(y - region.y) * width + std::size_t(x - region.x);
-                                  PixelSums& sums = state.pixels[at];
-                                  for (std::uint32_t k = 0; k < count; ++k) {
-                                      const std::uint64_t s = state.samples + k;
-                                      const std::uint32_t index = std::uint32_t(s % settings_.block_length);
-                                      bool hit = false;
-                                      glm::vec3 radiance = sample({x, y}, std::uint32_t(s / settings_.block_length),
-                                                                  index, counters, first, hit);
-                                      if (!(std::min(radiance.x, std::min(radiance.y, radiance.z)) >= 0.0f) ||
-                                          !std::isfinite(radiance.x + radiance.y + radiance.z)) {
-                                          ++counters.bad_samples;
-                                          radiance = glm::vec3(0.0f);
-                                      }
-                                      sums.block += glm::dvec3(radiance);
-                                      if (hit && channels > 0)
-                                          add_aovs(state.aovs.data() + at * channels, first, sums.hits == 0.0);
-                                      sums.hits += hit ? 1.0 : 0.0;
-                                      if (index + 1 == settings_.block_length) sums.finish_block();
-                                  }
-                              }
-                          rays += counters.rays;
-                          shadow_rays += counters.shadow_rays;
-                          rays_saved += counters.rays_saved;
-                          bad_samples += counters.bad_samples;
-                      });
-    state.samples += count;
+    const std::uint64_t pair = 2 * std::uint64_t(settings_.block_length);
+    const bool adaptive = !state.tiles.empty();
+    std::atomic<std::uint64_t> rays{0}, shadow_rays{0}, rays_saved{0}, bad_samples{0}, skipped{0};
+    tbb::enumerable_thread_specific<std::unique_ptr<Batch>> batches([] { return std::make_unique<Batch>(); });
+    while (count > 0) {
+        // Decisions fall where both halves have the same number of blocks, whatever the steps are.
+        const std::uint32_t step =
+            adaptive ? std::uint32_t(std::min<std::uint64_t>(count, pair - state.samples % pair)) : count;
+        tbb::parallel_for(tbb::blocked_range2d<int>(0, tile_count_.y, 1, 0, tile_count_.x, 1), [&](const auto& range) {
+            Counters counters;
+            Batch& batch = *batches.local();
+            batch.count = 0;
+            for (int ty = range.rows().begin(); ty < range.rows().end(); ++ty)
+                for (int tx = range.cols().begin(); tx < range.cols().end(); ++tx) {
+                    const int x0 = std::max((first_tile_.x + tx) * tile_side, region.x),
+                              x1 = std::min((first_tile_.x + tx + 1) * tile_side, region.z);
+                    const int y0 = std::max((first_tile_.y + ty) * tile_side, region.y),
+                              y1 = std::min((first_tile_.y + ty + 1) * tile_side, region.w);
+                    if (adaptive) {
+                        TileState& tile = state.tiles[std::size_t(ty * tile_count_.x + tx)];
+                        if (tile.done()) {
+                            skipped += std::uint64_t(step) * std::uint64_t((x1 - x0) * (y1 - y0));
+                            continue;
+                        }
+                        tile.samples += step;
+                    }
+                    for (int y = y0; y < y1; ++y)
+                        for (int x = x0; x < x1; ++x) {
+                            const std::size_t at = std::size_t(y - region.y) * width + std::size_t(x - region.x);
+                            const std::uint32_t pixel_seed = f32::cloth_hash_combine(
+                                f32::cloth_hash(settings_.seed),
+                                std::uint32_t(y) * std::uint32_t(settings_.resolution.x) + std::uint32_t(x));
+                            for (std::uint32_t k = 0; k < step; ++k) {
+                                const std::uint64_t s = state.samples + k, block = s / settings_.block_length;
+                                const std::uint32_t lane = batch.count++;
+                                batch.pixel[lane] = std::uint32_t(at);
+                                batch.place[lane] = {x, y};
+                                batch.block[lane] = block;
+                                batch.index[lane] = std::uint32_t(s % settings_.block_length);
+                                batch.seed[lane] = f32::cloth_hash_combine(pixel_seed, std::uint32_t(block));
+                                if (batch.count == batch_size) {
+                                    trace(batch, state, counters);
+                                    batch.count = 0;
+                                }
+                            }
+                        }
+                }
+            if (batch.count > 0) trace(batch, state, counters);
+            rays += counters.rays;
+            shadow_rays += counters.shadow_rays;
+            rays_saved += counters.rays_saved;
+            bad_samples += counters.bad_samples;
+        });
+        state.samples += step;
+        count -= step;
+        if (adaptive && state.samples % pair == 0 && state.samples / pair >= adaptive_pilot) judge(state);
+    }
     state.rays += rays;
     state.shadow_rays += shadow_rays;
     state.rays_saved += rays_saved;
     state.bad_samples += bad_samples;
+    state.skipped += skipped;
+}
+
+std::size_t Renderer::tile_of(std::size_t pixel) const
+{
+    const glm::ivec4 region = settings_.region;
+    const std::size_t width = std::size_t(region.z - region.x);
+    const int x = int(pixel % width) + region.x, y = int(pixel / width) + region.y;
+    return std::size_t((y / tile_side - first_tile_.y) * tile_count_.x + x / tile_side - first_tile_.x);
+}
+
+// Adaptive sampling: which tiles have come to their end (RenderSettings::target_error).
+void Renderer::judge(RenderState& state) const
+{
+    const double blocks = double(state.samples / (2 * std::uint64_t(settings_.block_length)));
+    const double length = double(settings_.block_length);
+    std::vector<glm::dvec2> variance(state.tiles.size(), glm::dvec2(0.0)); // of a sample, relative, by half
+    std::vector<double> count(state.tiles.size(), 0.0);
+    for (std::size_t at = 0; at < state.pixels.size(); ++at) {
+        const std::size_t tile = tile_of(at);
+        if (state.tiles[tile].done()) continue;
+        const PixelSums& sums = state.pixels[at];
+        for (int half = 0; half < 2; ++half) {
+            const glm::dvec3 mean = sums.total[half] / (blocks * length);
+            const glm::dvec3 spread =
+                length * block_variance(sums.total[half], sums.squares[half], blocks, settings_.block_length);
+            for (int c = 0; c < 3; ++c) variance[tile][half] += spread[c] / (mean[c] * mean[c] + 0.01);
+        }
+        count[tile] += 3.0;
+    }
+    for (std::size_t tile = 0; tile < variance.size(); ++tile)
+        if (count[tile] > 0.0) variance[tile] /= count[tile];
+    if (state.pilot[0] == 0.0) { // nothing has stopped yet
+        double all = 0.0;
+        for (std::size_t tile = 0; tile < variance.size(); ++tile) {
+            for (int half = 0; half < 2; ++half) state.pilot[half] += count[tile] * std::sqrt(variance[tile][half]);
+            all += count[tile];
+        }
+        for (double& pilot : state.pilot) pilot = std::max(pilot / all, std::numeric_limits<double>::min());
+    }
+    std::vector<bool> stops[2] = {std::vector<bool>(state.tiles.size()), std::vector<bool>(state.tiles.size())};
+    for (std::size_t tile = 0; tile < state.tiles.size(); ++tile) {
+        if (state.tiles[tile].done()) continue;
+        for (int half = 0; half < 2; ++half) {
+            const bool enough =
+                double(state.samples) * settings_.target_error >= state.pilot[half] * std::sqrt(variance[tile][half]);
+            if (enough && state.tiles[tile].kept[1 - half] == 0) stops[1 - half][tile] = true;
+        }
+    }
+    for (std::size_t at = 0; at < state.pixels.size(); ++at)
+        for (int half = 0; half < 2; ++half)
+            if (stops[half][tile_of(at)]) state.kept[2 * at + std::size_t(half)] = state.pixels[at].total[half];
+    for (std::size_t tile = 0; tile < state.tiles.size(); ++tile)
+        for (int half = 0; half < 2; ++half)
+            if (stops[half][tile]) state.tiles[tile].kept[half] = std::uint32_t(blocks);
+}
+
+bool Renderer::finished(const RenderState& state) const
+{
+    return !state.tiles.empty() &&
+           std::all_of(state.tiles.begin(), state.tiles.end(), [](const TileState& tile) { return tile.done(); });
+}
+
+PixelEstimate Renderer::pixel_estimate(const RenderState& state, std::size_t pixel) const
+{
+    const PixelSums& sums = state.pixels[pixel];
+    const std::uint64_t pair = 2 * std::uint64_t(settings_.block_length);
+    if (state.tiles.empty() || state.samples < pair) return estimate(sums, state.samples, settings_.block_length);
+    // Each half counts for one half, however long it is: weights that depended on the samples would bring a bias.
+    const TileState& tile = state.tiles[tile_of(pixel)];
+    const std::uint64_t blocks = tile.samples / settings_.block_length;
+    PixelEstimate result;
+    for (int half = 0; half < 2; ++half) {
+        const double taken = double((blocks + std::uint64_t(1 - half)) / 2);
+        const bool decided = tile.kept[half] > 0;
+        const double kept = decided ? double(tile.kept[half]) : taken;
+        const glm::dvec3 total = decided ? state.kept[2 * pixel + std::size_t(half)] : sums.total[half];
+        result.mean += 0.5 * total / (kept * double(settings_.block_length));
+        result.variance +=
+            0.25 * block_variance(sums.total[half], sums.squares[half], taken, settings_.block_length) / kept;
+    }
+    return result;
 }
 
 RenderResult Renderer::result(const RenderState& state) const
 {
     const glm::ivec4 region = settings_.region;
     RenderResult result(settings_.resolution.x, settings_.resolution.y);
-    const std::size_t channels = std::size_t(aov_channels(settings_.aovs));
-    struct Part {
-        unsigned bit;
-        std::vector<std::string> names;
-    };
-    std::vector<std::size_t> layer_start;
-    std::size_t start = 0;
-    for (const Part& part : {Part{aov_normal, {"normal.X", "normal.Y", "normal.Z"}}, Part{aov_depth, {"depth.Z"}},
-                             Part{aov_uv, {"uv.U", "uv.V"}}, Part{aov_albedo, {"albedo.R", "albedo.G", "albedo.B"}}}) {
-        if (!(settings_.aovs & part.bit)) continue;
-        layer_start.push_back(start);
-        start += part.names.size();
-        result.layers.push_back({part.names, std::vector<float>(result.mean.size() * part.names.size(), 0.0f)});
+    std::vector<int> rows; // of the layers
+    for (int k = 0; k < aov_count; ++k) {
+        if (aov_start_[k] < 0) continue;
+        rows.push_back(k);
+        ResultLayer layer;
+        const std::string channels = aov_rows[k].channels;
+        for (std::size_t from = 0; from <= channels.size();) {
+            const std::size_t comma = std::min(channels.find(',', from), channels.size());
+            layer.channels.push_back(std::string(aov_rows[k].name) + "." + channels.substr(from, comma - from));
+            from = comma + 1;
+        }
+        layer.values.assign(result.mean.size() * layer.channels.size(), 0.0f);
+        result.layers.push_back(std::move(layer));
     }
     std::size_t at = 0;
     for (int y = region.y; y < region.w; ++y)
         for (int x = region.x; x < region.z; ++x, ++at) {
             const std::size_t to = std::size_t(y) * std::size_t(result.width) + std::size_t(x);
             const PixelSums& sums = state.pixels[at];
-            const PixelEstimate pixel = estimate(sums, state.samples, settings_.block_length);
+            const PixelEstimate pixel = pixel_estimate(state, at);
+            const std::uint64_t samples = state.tiles.empty() ? state.samples : state.tiles[tile_of(at)].samples;
             result.mean[to] = glm::vec3(pixel.mean);
             result.variance[to] = glm::vec3(pixel.variance);
-            result.alpha[to] = state.samples > 0 ? float(sums.hits / double(state.samples)) : 0.0f;
-            result.samples[to] = std::uint32_t(state.samples);
-            for (std::size_t l = 0; l < result.layers.size(); ++l) {
+            result.alpha[to] = samples > 0 ? float(sums.hits / double(samples)) : 0.0f;
+            result.samples[to] = std::uint32_t(samples);
+            for (std::size_t l = 0; l < rows.size(); ++l) {
                 ResultLayer& layer = result.layers[l];
                 const std::size_t count = layer.channels.size();
-                const double over = layer.channels[0] == "uv.U" ? 1.0 : std::max(sums.hits, 1.0);
+                const AovKind kind = aov_rows[rows[l]].kind;
+                const double over = kind == AovKind::first  ? 1.0
+                                    : kind == AovKind::hits ? std::max(sums.hits, 1.0)
+                                                            : std::max(double(samples), 1.0);
                 for (std::size_t c = 0; c < count; ++c)
-                    layer.values[to * count + c] = float(state.aovs[at * channels + layer_start[l] + c] / over);
+                    layer.values[to * count + c] =
+                        float(state.aovs[at * aov_channels_ + std::size_t(aov_start_[rows[l]]) + c] / over);
             }
         }
     return result;
@@ -286,10 +678,12 @@ RenderResult Renderer::result(const RenderState& state) const
 
 double Renderer::error(const RenderState& state) const
 {
-    if (state.samples < 2 * std::uint64_t(settings_.block_length)) return std::numeric_limits<double>::quiet_NaN();
+    // A half needs two blocks to have a spread.
+    const std::uint64_t blocks = state.tiles.empty() ? 2 : 4;
+    if (state.samples < blocks * settings_.block_length) return std::numeric_limits<double>::quiet_NaN();
     double sum = 0.0;
-    for (const PixelSums& sums : state.pixels) {
-        const PixelEstimate pixel = estimate(sums, state.samples, settings_.block_length);
+    for (std::size_t at = 0; at < state.pixels.size(); ++at) {
+        const PixelEstimate pixel = pixel_estimate(state, at);
         for (int c = 0; c < 3; ++c) sum += pixel.variance[c] / (pixel.mean[c] * pixel.mean[c] + 0.01);
     }
     return sum / (3.0 * double(state.pixels.size()));

@@ -16,14 +16,65 @@ namespace selvedge
 
 enum class Integrator { direct, path };
 
-// Layers beside the beauty, of the first surface that a camera ray does not pass through. Means over the samples that
-// met one, but for uv, which is the pixel's first such sample (its mean over a seam would say nothing).
-enum AovBit : unsigned {
-    aov_normal = 1, // normal.X Y Z: shading normal, world
-    aov_depth = 2,  // depth.Z: along the view axis [m]; 0 where nothing was met
-    aov_uv = 4,     // uv.U V: place inside the repeat of the fabric, [0, 1)
-    aov_albedo = 8  // albedo.R G B: matte albedo; of a yarn its diffuse and specular albedos added up, at most 1
+// Layers beside the beauty: name, channels, what is averaged, what it is. Those of the surface are of the first one
+// that a camera ray does not pass through. The terms of light add up to the beauty, pixel by pixel, unless samples are
+// spread adaptively (then in the mean). Options, pictures and tests go through this list.
+//   hits     mean over the samples that met a surface
+//   samples  mean over all samples
+//   first    the pixel's first sample that met a surface: a mean over an edge would say nothing
+#define SELVEDGE_AOVS(ROW)                                                                                             \
+    ROW(albedo, "R,G,B", hits, "matte albedo; of a yarn its diffuse and specular ones together, at most 1")            \
+    ROW(normal, "X,Y,Z", hits, "shading normal, world")                                                                \
+    ROW(depth, "Z", hits, "along the view axis [m]; 0 where nothing was met")                                          \
+    ROW(uv, "U,V", first, "place inside the repeat of the fabric, [0, 1)")                                             \
+    ROW(object, "ID", first, "1 + index of the object; 0 where nothing was met")                                       \
+    ROW(fabric, "ID", first, "1 + index of the fabric; 0 on what has none")                                            \
+    ROW(yarn, "ID", first, "1 + yarn type of the fabric; 0 on what has none")                                          \
+    ROW(visibility, "V", hits, "V(i): what a yarn sees, past its neighbours, of a direction sampled from the lights")  \
+    ROW(reflection_specular, "R,G,B", samples, "direct light: specular lobe of reflection")                            \
+    ROW(reflection_diffuse, "R,G,B", samples, "direct light: diffuse reflection")                                      \
+    ROW(transmission_specular, "R,G,B", samples, "direct light from behind: specular lobe of transmission")            \
+    ROW(transmission_diffuse, "R,G,B", samples, "direct light from behind: diffuse transmission")                      \
+    ROW(multiple_scattering, "R,G,B", samples, "direct light that yarns reflect onto each other")                      \
+    ROW(matte, "R,G,B", samples, "direct light on objects without fabric")                                             \
+    ROW(delta, "R,G,B", samples, "all that a camera ray sees through gaps and between the fibres of a cloth")          \
+    ROW(background, "R,G,B", samples, "environment that a camera ray meets at once")                                   \
+    ROW(indirect, "R,G,B", samples, "light after a bounce (integrator path)")
+
+enum class AovKind { hits, samples, first };
+
+struct AovRow {
+    const char* name;
+    const char* channels; // "R,G,B": layer name.R, ...
+    AovKind kind;
+    const char* help;
 };
+
+inline constexpr AovRow aov_rows[] = {
+#define ROW(name, channels, kind, help) {#name, channels, AovKind::kind, help},
+    SELVEDGE_AOVS(ROW)
+#undef ROW
+};
+
+enum AovIndex : int {
+#define ROW(name, channels, kind, help) aov_index_##name,
+    SELVEDGE_AOVS(ROW)
+#undef ROW
+        aov_count
+};
+
+enum AovBit : unsigned {
+#define ROW(name, channels, kind, help) aov_##name = 1u << aov_index_##name,
+    SELVEDGE_AOVS(ROW)
+#undef ROW
+};
+
+inline constexpr unsigned aov_terms = aov_reflection_specular | aov_reflection_diffuse | aov_transmission_specular |
+                                      aov_transmission_diffuse | aov_multiple_scattering | aov_matte | aov_delta |
+                                      aov_background | aov_indirect;
+
+int aov_channels(const AovRow& row);
+int aov_channels(unsigned aovs); // of all layers together
 
 struct RenderSettings {
     Integrator integrator = Integrator::path;
@@ -33,15 +84,40 @@ struct RenderSettings {
     glm::ivec2 resolution{512, 512};
     glm::ivec4 region{0, 0, 512, 512}; // x0, y0, x1, y1: pixels with x0 <= x < x1, y0 <= y < y1
     unsigned aovs = 0;
+    int roulette_start = 3; // bounces that Russian roulette never cuts short
+
+    // Above 0: samples go where they lower the mean relMSE of the picture most, and end where it is expected to be
+    // this. In tiles of 16 x 16 pixels, each of which stops by itself; bits are the same for any threads and steps, but
+    // a region, whose tiles and mean are others, stops at other counts than the picture does.
+    //
+    // The mean stays unbiased: even and odd blocks of samples are independent halves, and each half's length is decided
+    // by what the other one has seen alone. With v a tile's mean of (variance of a sample) / (mean^2 + 0.01), the least
+    // total for an error E is n = sqrt(v) M / E samples, M the mean of sqrt(v) over the picture; M is that of the first
+    // adaptive_pilot blocks, later v are those of all blocks so far. A half that has come to its end while the other
+    // one goes on is still sampled, to let the other one decide; those samples are left out of the mean.
+    double target_error = 0.0;
+};
+
+inline constexpr std::uint32_t adaptive_pilot = 4; // blocks of each half before the first decision
+
+// Adaptive sampling of one tile.
+struct TileState {
+    std::uint64_t samples = 0;      // per pixel
+    std::uint32_t kept[2] = {0, 0}; // blocks of each half that the mean consists of; 0: not decided
+    bool done() const { return kept[0] > 0 && kept[1] > 0; }
 };
 
 // Everything that a step of rendering changes.
 struct RenderState {
-    std::uint64_t samples = 0;                               // per pixel of the region
-    std::vector<PixelSums> pixels;                           // of the region, row by row
-    std::vector<double> aovs;                                // sums, aov_channels() per pixel
+    std::uint64_t samples = 0;     // per pixel of the region, where none was skipped
+    std::vector<PixelSums> pixels; // of the region, row by row
+    std::vector<double> aovs;      // sums, aov_channels() per pixel
+    std::vector<TileState> tiles;  // of the region, row by row; empty unless sampling is adaptive
+    std::vector<glm::dvec3> kept;  // two a pixel: sums of the kept blocks of each half; likewise
+    double pilot[2] = {0.0, 0.0};  // M as each half sees it; 0: not known yet
     std::uint64_t rays = 0, shadow_rays = 0, rays_saved = 0; // saved: samples whose value was 0 before the shadow ray
     std::uint64_t bad_samples = 0;                           // not finite or negative; counted as 0
+    std::uint64_t skipped = 0;                               // samples of tiles that had their error already
 };
 
 // The scene and the rays must outlive it.
@@ -52,31 +128,38 @@ class Renderer
 
     const RenderSettings& settings() const { return settings_; }
     RenderState start() const; // no samples yet
-    // `count` more samples for every pixel of the region, on the threads of the calling TBB arena.
+    // `count` more samples for every pixel of the region, on the threads of the calling TBB arena; none for tiles that
+    // adaptive sampling has stopped.
     void add_samples(RenderState& state, std::uint32_t count) const;
+    bool finished(const RenderState& state) const;       // adaptive sampling has stopped every tile
     RenderResult result(const RenderState& state) const; // full resolution, zeros outside the region
     double error(const RenderState& state) const;        // error_estimate of the region; NaN before two blocks
-    // Radiance along one camera ray: sample `index` of block `block` of a pixel.
-    glm::vec3 sample_pixel(glm::ivec2 pixel, std::uint32_t block, std::uint32_t index) const;
 
   private:
     struct Counters;
     struct Vertex;
-    bool find_vertex(Vertex& vertex, const cloth::f32::ClothRay& ray, cloth::f32::ClothRandom random,
-                     Counters& counters) const;
-    glm::vec3 direct_light(const Vertex& vertex, cloth::f32::ClothRandom random, Counters& counters) const;
-    glm::vec3 sample(glm::ivec2 pixel, std::uint32_t block, std::uint32_t index, Counters& counters, Vertex& first,
-                     bool& hit) const;
-    void add_aovs(double* sums, const Vertex& first, bool first_hit) const;
+    struct Batch;
+    void begin(Batch& batch, Counters& counters) const;
+    void find_vertices(Batch& batch, bool camera, Counters& counters) const;
+    void add_direct_light(Batch& batch, Counters& counters) const;
+    void bounce(Batch& batch, int depth) const;
+    void trace(Batch& batch, RenderState& state, Counters& counters) const;
+    void add_first_aovs(Batch& batch, std::uint32_t lane, RenderState& state) const;
+    void add_term(RenderState& state, std::uint32_t pixel, AovIndex term, glm::vec3 value) const;
+    void judge(RenderState& state) const;
+    PixelEstimate pixel_estimate(const RenderState& state, std::size_t pixel) const;
+    std::size_t tile_of(std::size_t pixel) const;
 
     const Scene& scene_;
     const RayScene& rays_;
     RenderSettings settings_;
     cloth::f32::ClothCamera camera_;
     cloth::f32::ClothLights lights_;
-    std::vector<cloth::f32::ClothMaps> maps_; // per object
+    std::vector<cloth::f32::ClothMaps> maps_;       // per object
+    bool any_fabric_ = false, delta_lights_ = true; // delta: no light has extent
+    int aov_start_[aov_count];                      // first channel of each layer, -1: not asked for
+    std::size_t aov_channels_ = 0;
+    glm::ivec2 first_tile_{0}, tile_count_{0};
 };
-
-int aov_channels(unsigned aovs);
 
 } // namespace selvedge

@@ -49,11 +49,25 @@ struct ShadowContext {
     float transmittance; // of the sheets passed so far
 };
 
-// What the filter knows about its geometry.
+// What the filter knows about its geometry: the fabric, and what of a triangle is the same for every ray.
 struct FilterTarget {
     const SceneObject* object;
     f32::ClothMaps maps;
+    std::vector<f32::ClothFrame> frames; // of the flat triangles, from their front
 };
+
+std::vector<f32::ClothFrame> flat_frames(const SceneObject& object)
+{
+    std::vector<f32::ClothFrame> frames(object.mesh.triangles.size());
+    for (std::size_t k = 0; k < frames.size(); ++k) {
+        const f32::ClothTriangle triangle = triangle_of(object, k);
+        const glm::vec3 n = glm::cross(triangle.p1 - triangle.p0, triangle.p2 - triangle.p0);
+        const glm::vec3 n_g = f32::cloth_unit_vector(
+            n * (1.0f / std::max({std::abs(n.x), std::abs(n.y), std::abs(n.z), 1e-30f})), glm::vec3(0.0f, 0.0f, 1.0f));
+        frames[k] = f32::cloth_uv_frame(triangle, n_g, n_g);
+    }
+    return frames;
+}
 
 // Lets a shadow ray through one sheet of cloth, less what the sheet keeps. Called for single rays only.
 void pass_cloth(const RTCFilterFunctionNArguments* arguments)
@@ -66,14 +80,10 @@ void pass_cloth(const RTCFilterFunctionNArguments* arguments)
     const glm::vec3 direction(RTCRayN_dir_x(arguments->ray, 1, 0), RTCRayN_dir_y(arguments->ray, 1, 0),
                               RTCRayN_dir_z(arguments->ray, 1, 0));
 
-    const f32::ClothTriangle triangle = triangle_of(*target.object, primitive);
-    const glm::vec3 n = glm::cross(triangle.p1 - triangle.p0, triangle.p2 - triangle.p0);
-    const glm::vec3 n_g = f32::cloth_unit_vector(
-        n * (1.0f / std::max({std::abs(n.x), std::abs(n.y), std::abs(n.z), 1e-30f})), glm::vec3(0.0f, 0.0f, 1.0f));
-    const f32::ClothFrame frame = f32::cloth_uv_frame(triangle, n_g, n_g);
-    const glm::vec2 tile = triangle.t0 + (triangle.t1 - triangle.t0) * u + (triangle.t2 - triangle.t0) * v;
-    const float share =
-        f32::cloth_transmittance(target.maps, tile, f32::cloth_to_local(frame, direction), context.settings);
+    const glm::vec2* corners = target.object->mesh.corner_tiles.data() + 3 * std::size_t(primitive);
+    const glm::vec2 tile = corners[0] + (corners[1] - corners[0]) * u + (corners[2] - corners[0]) * v;
+    const float share = f32::cloth_transmittance(
+        target.maps, tile, f32::cloth_to_local(target.frames[primitive], direction), context.settings);
     if (share <= 0.0f) return;
     context.transmittance *= share;
     arguments->valid[0] = 0;
@@ -121,10 +131,8 @@ RayScene::RayScene(const Scene& scene) : state_(std::make_unique<State>())
     for (std::size_t k = 0; k < scene.objects.size(); ++k) {
         const SceneObject& object = scene.objects[k];
         RTCGeometry geometry = new_geometry(state.device, object.mesh);
-        FilterTarget target{&object, {}};
-        if (object.fabric >= 0) target.maps = maps_of(scene.fabrics[std::size_t(object.fabric)]);
-        state.targets.push_back(target);
         if (lets_rays_through(scene, object)) {
+            state.targets.push_back({&object, maps_of(scene.fabrics[std::size_t(object.fabric)]), flat_frames(object)});
             rtcSetGeometryUserData(geometry, &state.targets.back());
             rtcSetGeometryOccludedFilterFunction(geometry, pass_cloth);
             ++needs_.filtered_objects;

@@ -113,16 +113,27 @@ unsigned parse_aovs(const std::vector<std::string>& lists)
     for (const std::string& list : lists)
         for (std::size_t from = 0; from <= list.size();) {
             const std::size_t comma = std::min(list.find(',', from), list.size());
-            bits |= unsigned(parse_word("--aov", list.substr(from, comma - from),
-                                        {{"normal", aov_normal},
-                                         {"depth", aov_depth},
-                                         {"uv", aov_uv},
-                                         {"albedo", aov_albedo},
-                                         {"variance", 0},
-                                         {"samples", 0}}));
+            const std::string word = list.substr(from, comma - from);
             from = comma + 1;
+            if (word == "variance" || word == "samples") continue; // always there
+            std::string known;
+            bool found = false;
+            for (int k = 0; k < aov_count; ++k) {
+                if (word == aov_rows[k].name) bits |= 1u << k, found = true;
+                known += std::string(aov_rows[k].name) + ", ";
+            }
+            if (!found)
+                throw UsageError("--aov: found '%s', expected some of %svariance, samples", word.c_str(),
+                                 known.c_str());
         }
     return bits;
+}
+
+std::string aov_help()
+{
+    std::string help = "NAME,...: further layers (variance and samples are always there).";
+    for (const AovRow& row : aov_rows) help += format_text(" %s: %s.", row.name, row.help);
+    return help;
 }
 
 Options parse_options(int argc, char** argv, bool& done)
@@ -138,7 +149,9 @@ Options parse_options(int argc, char** argv, bool& done)
     app.add_option("--spp", options.samples, "stop after N samples per pixel (default 64 where nothing else ends it)")
         ->check(between(1, double(sample_limit)));
     app.add_option("--time", options.time_s, "stop after SECONDS of rendering")->check(between(1e-3, 1e9));
-    app.add_option("--target-error", options.target_error, "stop at this estimated relMSE")->check(between(1e-12, 1e6));
+    app.add_option("--target-error", options.target_error,
+                   "stop about this estimated relMSE; samples go where they lower it most")
+        ->check(between(1e-12, 1e6));
     app.add_option("--integrator", integrator, "direct (default), path");
     app.add_option("--max-depth", options.max_depth,
                    "path: surfaces that scatter along a path, 1 to 1024 (default 32; 1 is direct)")
@@ -149,9 +162,7 @@ Options parse_options(int argc, char** argv, bool& done)
     app.add_option("--resolution", resolution, "WIDTH,HEIGHT instead of the scene's");
     app.add_option("--region", region,
                    "X0,Y0,X1,Y1: only pixels X0 <= x < X1, Y0 <= y < Y1; the rest of the picture stays 0");
-    app.add_option("--aov", aovs,
-                   "NAME,...: further layers: normal, depth, uv, albedo (variance and samples are always there)")
-        ->allow_extra_args(false);
+    app.add_option("--aov", aovs, aov_help())->allow_extra_args(false);
     app.add_flag("--resume", options.resume, "go on from the checkpoint beside OUT, where there is one");
     app.add_option("--checkpoint", options.checkpoint_s, "write OUT.checkpoint every SECONDS and at the end")
         ->check(between(1e-3, 1e9));
@@ -255,6 +266,7 @@ struct Outcome {
     double seconds = 0.0; // of rendering, those before a resume included
     double resumed_seconds = 0.0;
     std::uint64_t resumed_samples = 0;
+    double resumed_samples_mean = 0.0; // per pixel, where adaptive sampling has stopped some
     double error = std::numeric_limits<double>::quiet_NaN();
     const char* stopped_by = "samples";
 };
@@ -266,6 +278,7 @@ RenderSettings settings_of(const Options& options, const Scene& scene)
     settings.max_depth = options.max_depth;
     settings.seed = options.seed;
     settings.aovs = options.aovs;
+    settings.target_error = options.target_error;
     settings.resolution = options.resolution.x > 0 ? options.resolution : scene.film.resolution;
     settings.region =
         options.region.x >= 0 ? options.region : glm::ivec4(0, 0, settings.resolution.x, settings.resolution.y);
@@ -292,11 +305,13 @@ void choose_blocks(Outcome& outcome, const Options& options, const Scene& scene,
         const std::uint64_t in_time = std::uint64_t(std::min(fit, double(sample_limit)));
         planned = planned > 0 ? std::min(planned, in_time) : in_time;
     }
-    settings.block_length = f32::cloth_block_length(std::uint32_t(planned > 0 ? planned : 256));
+    // Decisions of adaptive sampling are taken between pairs of blocks: short ones waste the least.
+    if (options.target_error > 0.0) planned = std::min<std::uint64_t>(planned > 0 ? planned : 64, 64);
+    settings.block_length = f32::cloth_block_length(std::uint32_t(planned));
     outcome.renderer = std::make_unique<Renderer>(scene, rays, settings);
     if (outcome.state.samples == 0) outcome.state = outcome.renderer->start();
     if (outcome.state.samples == settings.block_length)
-        for (PixelSums& sums : outcome.state.pixels) sums.finish_block();
+        for (PixelSums& sums : outcome.state.pixels) sums.finish_block(0);
 }
 
 void render(Outcome& outcome, const Options& options, const Scene& scene, const RayScene& rays,
@@ -313,6 +328,8 @@ void render(Outcome& outcome, const Options& options, const Scene& scene, const 
         outcome.state = std::move(checkpoint->state);
         outcome.resumed_seconds = checkpoint->seconds;
         outcome.resumed_samples = outcome.state.samples;
+        outcome.resumed_samples_mean =
+            double(outcome.state.samples) - double(outcome.state.skipped) / double(outcome.state.pixels.size());
     } else {
         choose_blocks(outcome, options, scene, rays, settings);
     }
@@ -348,8 +365,7 @@ void render(Outcome& outcome, const Options& options, const Scene& scene, const 
         if (blocks != blocks_judged) {
             blocks_judged = blocks;
             outcome.error = renderer.error(state);
-            // Four blocks at least: the mean over all pixels is steady then, although each pixel's own spread is not.
-            if (options.target_error > 0.0 && blocks >= 4 && outcome.error <= options.target_error) {
+            if (renderer.finished(state)) {
                 outcome.stopped_by = "error";
                 break;
             }
@@ -391,11 +407,11 @@ nlohmann::json skipped_json(const Scene& scene, const RayScene& rays, const Outc
         {"environment_table", !environment || scene.environment.size.x == 1},
         {"black_lights", scene.black_lights},
         {"bounces", outcome.renderer->settings().integrator == Integrator::direct},
+        {"samples", outcome.state.skipped},
     };
     nlohmann::json aovs = nlohmann::json::array();
-    for (const auto& [name, bit] :
-         {std::pair("normal", aov_normal), {"depth", aov_depth}, {"uv", aov_uv}, {"albedo", aov_albedo}})
-        if (!(outcome.renderer->settings().aovs & bit)) aovs.push_back(name);
+    for (int k = 0; k < aov_count; ++k)
+        if (!(outcome.renderer->settings().aovs >> k & 1u)) aovs.push_back(aov_rows[k].name);
     skipped["aovs"] = aovs;
     return skipped;
 }
@@ -450,7 +466,8 @@ int run(int argc, char** argv)
                      static_cast<unsigned long long>(state.bad_samples),
                      static_cast<unsigned long long>(state.samples * pixels));
     const double own_seconds = outcome.seconds - outcome.resumed_seconds;
-    const double rate = double((state.samples - outcome.resumed_samples) * pixels) / std::max(own_seconds, 1e-9);
+    const double taken = double(state.samples * pixels - state.skipped), spp_mean = taken / double(pixels);
+    const double rate = (spp_mean - outcome.resumed_samples_mean) * double(pixels) / std::max(own_seconds, 1e-9);
     if (options.json) {
         struct rusage usage {
         };
@@ -468,8 +485,8 @@ int run(int argc, char** argv)
             {"region", {settings.region.x, settings.region.y, settings.region.z, settings.region.w}},
             {"integrator", metadata["selvedge:integrator"]},
             {"model", model_json(scene.model)},
-            {"samples", state.samples * pixels},
-            {"spp_mean", double(state.samples)},
+            {"samples", state.samples * pixels - state.skipped},
+            {"spp_mean", spp_mean},
             {"block_length", settings.block_length},
             {"samples_per_second", rate},
             {"rays", state.rays + state.shadow_rays},

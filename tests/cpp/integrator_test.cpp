@@ -6,7 +6,9 @@
 #include <cstring>
 #include <filesystem>
 #include <fstream>
+#include <iterator>
 #include <numbers>
+#include <set>
 #include <unistd.h>
 
 #include <tbb/global_control.h>
@@ -107,7 +109,7 @@ std::string cloth_scene(const char* resolution)
 
 bool same_bits(const RenderState& a, const RenderState& b)
 {
-    return a.samples == b.samples && a.pixels.size() == b.pixels.size() &&
+    return a.samples == b.samples && a.pixels.size() == b.pixels.size() && a.kept == b.kept &&
            std::memcmp(a.pixels.data(), b.pixels.data(), a.pixels.size() * sizeof(PixelSums)) == 0 && a.aovs == b.aovs;
 }
 
@@ -280,7 +282,7 @@ TEST_CASE("thread count and steps leave every bit as it is", "[integrator][deter
     const Scene scene = scene_from(cloth_scene("[40, 24]"));
     for (const Integrator integrator : {Integrator::direct, Integrator::path}) {
         RenderSettings settings = settings_for(scene, integrator);
-        settings.aovs = aov_normal | aov_depth | aov_uv | aov_albedo;
+        settings.aovs = (1u << aov_count) - 1u;
         std::vector<RenderState> states;
         for (const int threads : {1, 2, 5}) {
             const tbb::global_control limit(tbb::global_control::max_allowed_parallelism, std::size_t(threads));
@@ -307,8 +309,170 @@ TEST_CASE("thread count and steps leave every bit as it is", "[integrator][deter
         const RenderState part = mean_of(scene, settings, 20).state;
         for (int y = 5; y < 20; ++y)
             for (int x = 10; x < 30; ++x)
-                REQUIRE(part.pixels[std::size_t((y - 5) * 20 + x - 10)].total ==
-                        states[0].pixels[std::size_t(y * 40 + x)].total);
+                for (int half = 0; half < 2; ++half)
+                    REQUIRE(part.pixels[std::size_t((y - 5) * 20 + x - 10)].total[half] ==
+                            states[0].pixels[std::size_t(y * 40 + x)].total[half]);
+    }
+}
+
+TEST_CASE("adaptive sampling stops tiles at the same samples whatever threads and steps are", "[integrator][adaptive]")
+{
+    const Scene scene = scene_from(cloth_scene("[48, 32]"));
+    const RayScene rays(scene);
+    RenderSettings settings = settings_for(scene, Integrator::direct);
+    settings.target_error = 4e-3;
+    const Renderer renderer(scene, rays, settings);
+    std::vector<RenderState> states;
+    for (const int threads : {1, 3}) {
+        const tbb::global_control limit(tbb::global_control::max_allowed_parallelism, std::size_t(threads));
+        tbb::task_arena arena(threads);
+        arena.execute([&] {
+            states.push_back(renderer.start());
+            for (const std::uint32_t step : {3u, 29u, 1u, 7u, 216u, 256u, 512u}) {
+                if (threads == 1)
+                    renderer.add_samples(states.back(), step);
+                else
+                    for (std::uint32_t half : {step / 2, step - step / 2}) renderer.add_samples(states.back(), half);
+            }
+        });
+    }
+    CHECK(same_bits(states[0], states[1]));
+    CHECK(states[0].skipped == states[1].skipped);
+    REQUIRE(renderer.finished(states[0]));
+    std::set<std::uint64_t> counts;
+    for (const TileState& tile : states[0].tiles) counts.insert(tile.samples);
+    CHECK(counts.size() > 1); // the tiles' needs differ
+    const RenderResult result = renderer.result(states[0]);
+    std::uint64_t samples = 0;
+    for (const std::uint32_t count : result.samples) samples += count;
+    CHECK(samples + states[0].skipped == states[0].samples * result.samples.size());
+    CHECK(renderer.error(states[0]) == Approx(error_estimate(result)).epsilon(1e-5));
+    // M comes from four blocks, whose square roots are low by about 1/12 in pixels that stand alone.
+    CHECK(renderer.error(states[0]) < 1.15 * settings.target_error);
+    // A target that is met by any number of samples: every tile stops at the pilot.
+    settings.target_error = 1e5;
+    const Renderer easy(scene, rays, settings);
+    RenderState state = easy.start();
+    easy.add_samples(state, 1000);
+    for (const TileState& tile : state.tiles) CHECK(tile.samples == 2 * adaptive_pilot * settings.block_length);
+}
+
+TEST_CASE("adaptive sampling leaves the mean of every part of the picture where it is", "[integrator][adaptive]")
+{
+    // A small hot light makes block means skew: where few blocks seem to agree, they are dark. Where each half stops by
+    // its own spread, the right tile is 1.6 % too dark, z = -5.
+    const Scene scene = scene_from(R"({ "camera": {"position": [0, 2, 3], "target": [0, 0, 0], "fov": 3},
+        "film": {"resolution": [32, 2]}, "objects": [ {"shape": "plane", "scale": 8, "matte": {"albedo": 0.5}},
+            {"shape": "sphere", "scale": 0.4, "translate": [0.4, 0.4, 0], "matte": {"albedo": [0.9, 0.3, 0.1]}} ],
+        "lights": [ {"type": "environment", "colour": 0.01},
+                    {"type": "area", "position": [0.9, 0.4, 0], "target": [0.4, 0.4, 0], "size": [0.05, 0.05], "radiance": 300} ] })");
+    const RayScene rays(scene);
+    constexpr int seeds = 6000;
+    glm::dvec2 sum[2] = {glm::dvec2(0), glm::dvec2(0)}, squares[2] = {glm::dvec2(0), glm::dvec2(0)};
+    double samples = 0.0;
+    for (const bool adaptive : {false, true})
+        for (int seed = 0; seed < seeds; ++seed) {
+            RenderSettings settings = settings_for(scene, Integrator::direct, 1);
+            settings.seed = std::uint32_t(seed) + (adaptive ? 100000u : 0u);
+            settings.target_error = adaptive ? 0.01 : 0.0;
+            const Renderer renderer(scene, rays, settings);
+            RenderState state = renderer.start();
+            renderer.add_samples(state, adaptive ? 64 : 16);
+            const RenderResult result = renderer.result(state);
+            glm::dvec2 mean(0.0); // of the two tiles
+            for (int y = 0; y < 2; ++y)
+                for (int x = 0; x < 32; ++x) {
+                    mean[x / 16] += double(result.mean[std::size_t(y * 32 + x)].x) / 32.0;
+                    if (adaptive) samples += double(result.samples[std::size_t(y * 32 + x)]) / (64.0 * seeds);
+                }
+            sum[adaptive] += mean;
+            squares[adaptive] += mean * mean;
+        }
+    CHECK(samples > 10.0); // beyond the pilot's 8,
+    CHECK(samples < 60.0); // and it does stop
+    for (int tile = 0; tile < 2; ++tile) {
+        double mean[2], variance[2];
+        for (int k = 0; k < 2; ++k) {
+            mean[k] = sum[k][tile] / seeds;
+            variance[k] = (squares[k][tile] / seeds - mean[k] * mean[k]) / (seeds - 1);
+        }
+        const double z = (mean[1] - mean[0]) / std::sqrt(variance[0] + variance[1]);
+        INFO("tile " << tile << ": uniform " << mean[0] << ", adaptive " << mean[1] << ", z " << z << ", sigma "
+                     << std::sqrt(variance[0] + variance[1]) / mean[0] << ", samples " << samples);
+        CHECK(std::abs(z) < 3.9); // 1 in 10,000 each
+        CHECK(std::sqrt(variance[0] + variance[1]) < 0.005 * mean[0]);
+    }
+}
+
+TEST_CASE("the terms of light add up to the picture", "[integrator][aovs]")
+{
+    // Cloth seen from both sides, through its gaps, over a floor and before the sky.
+    const Scene scene = scene_from(
+        R"({ "camera": {"position": [0, 0.3, 0.9], "target": [0, 0.2, 0], "fov": 50}, "film": {"resolution": [40, 32]},
+        "lights": [ {"type": "environment", "colour": [0.4, 0.5, 0.7]},
+                    {"type": "directional", "direction": [0.3, -1, 0.4], "irradiance": 3, "angular_diameter": 0.5} ],
+        "objects": [ {"shape": "plane", "scale": 2, "matte": {"albedo": 0.5}},
+                     {"shape": "plane", "scale": 0.4, "translate": [0.2, 0.3, 0], "rotate": [70, 0, 10], "uv_scale": 0.4,
+                      "fabric": {"name": "gauze", "pattern": "plain 1/1", "resolution": 64, "warp": {"width": 0.0003}, "weft": {"width": 0.0003}}},
+                     {"shape": "plane", "scale": 0.4, "translate": [-0.2, 0.3, 0], "rotate": [-80, 0, 0], "uv_scale": 0.4,
+                      "fabric": {"name": "plain", "pattern": "plain 1/1", "resolution": 64}} ] })");
+    for (const Integrator integrator : {Integrator::direct, Integrator::path}) {
+        RenderSettings settings = settings_for(scene, integrator);
+        settings.aovs = (1u << aov_count) - 1u;
+        const RayScene rays(scene);
+        const Renderer renderer(scene, rays, settings);
+        RenderState state = renderer.start(), plain_state;
+        renderer.add_samples(state, 32);
+        const RenderResult result = renderer.result(state);
+        std::vector<glm::dvec3> sum(result.mean.size(), glm::dvec3(0.0));
+        for (const ResultLayer& layer : result.layers) {
+            const std::string name = layer.channels[0].substr(0, layer.channels[0].find('.'));
+            const bool term = std::any_of(std::begin(aov_rows), std::end(aov_rows), [&](const AovRow& row) {
+                return name == row.name && (aov_terms >> (&row - aov_rows) & 1u);
+            });
+            double total = 0.0;
+            for (std::size_t i = 0; i < layer.values.size(); ++i) {
+                REQUIRE(std::isfinite(layer.values[i]));
+                total += double(layer.values[i]);
+                if (term) sum[i / 3][int(i % 3)] += double(layer.values[i]);
+            }
+            INFO(name);
+            CHECK((total > 0.0) ==
+                  !(name == "indirect" && integrator == Integrator::direct)); // all occur in this scene
+        }
+        for (std::size_t i = 0; i < sum.size(); ++i)
+            for (int c = 0; c < 3; ++c)
+                REQUIRE(std::abs(sum[i][c] - double(result.mean[i][c])) <= 1e-5 * double(result.mean[i][c]));
+        // Layers leave the picture as it is.
+        settings.aovs = 0;
+        const Renderer plain(scene, rays, settings);
+        plain_state = plain.start();
+        plain.add_samples(plain_state, 32);
+        CHECK(std::memcmp(plain_state.pixels.data(), state.pixels.data(), state.pixels.size() * sizeof(PixelSums)) ==
+              0);
+    }
+}
+
+TEST_CASE("Russian roulette leaves the mean of paths where it is", "[integrator][path]")
+{
+    const Scene scene = scene_from(
+        R"({ "camera": {"position": [0.3, 0.2, 0.1], "target": [1, 0, 0], "fov": 60}, "film": {"resolution": [16, 16]},
+        "objects": [ {"shape": "sphere", "scale": 2, "matte": {"albedo": [0.7, 0.5, 0.2]}},
+                     {"shape": "plane", "scale": 1.5, "translate": [0, -0.5, 0], "uv_scale": 0.5,
+                      "fabric": {"name": "gauze", "pattern": "plain 1/1", "resolution": 64, "warp": {"width": 0.0003}, "weft": {"width": 0.0003}}} ],
+        "lights": [ {"type": "point", "position": [0, 0.7, 0], "intensity": 3} ] })");
+    RenderSettings settings = settings_for(scene, Integrator::path);
+    settings.max_depth = 16;
+    const Mean on = mean_of(scene, settings, 256);
+    settings.roulette_start = settings.max_depth;
+    settings.seed = 1;
+    const Mean off = mean_of(scene, settings, 256);
+    CHECK(on.state.rays < off.state.rays);
+    for (int c = 0; c < 3; ++c) {
+        const double sigma = std::sqrt(on.sigma[c] * on.sigma[c] + off.sigma[c] * off.sigma[c]);
+        INFO("with " << on.value[c] << ", without " << off.value[c] << ", sigma " << sigma);
+        CHECK(std::abs(on.value[c] - off.value[c]) < 4.0 * sigma);
+        CHECK(sigma < 0.02 * off.value[c]);
     }
 }
 
