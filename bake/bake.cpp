@@ -126,6 +126,11 @@ Geometry knit_geometry(const Fabric& fabric, int resolution)
             }};
 }
 
+Geometry geometry_of(const Fabric& fabric, int resolution)
+{
+    return fabric.knit ? knit_geometry(fabric, resolution) : woven_geometry(fabric, resolution);
+}
+
 } // namespace
 
 std::vector<cloth::f32::ClothYarn> shade_yarns(const Fabric& fabric)
@@ -135,6 +140,12 @@ std::vector<cloth::f32::ClothYarn> shade_yarns(const Fabric& fabric)
     for (const YarnTypes::Type& type : yarn_types(fabric).types)
         out.push_back(shade_yarn(type.warp ? fabric.warp : fabric.weft, type.tint, type.warp ? warp : weft));
     return out;
+}
+
+PlyModel ply_model(const Fabric& fabric)
+{
+    std::vector<std::string> warnings; // the bake has told them
+    return geometry_of(fabric, fabric.resolution).plies(warnings);
 }
 
 PackedFabric bake_fabric(const Fabric& fabric, const BakeOptions& options, BakeReport* report)
@@ -147,7 +158,7 @@ PackedFabric bake_fabric(const Fabric& fabric, const BakeOptions& options, BakeR
                          visibility_name(kind));
 
     const int resolution = options.resolution > 0 ? options.resolution : fabric.resolution;
-    const Geometry geometry = fabric.knit ? knit_geometry(fabric, resolution) : woven_geometry(fabric, resolution);
+    const Geometry geometry = geometry_of(fabric, resolution);
     const glm::ivec2 size = geometry.size;
     PackedFabric packed;
     packed.name = fabric.name;

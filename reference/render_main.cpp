@@ -26,6 +26,7 @@
 #include "reference/film.hpp"
 #include "reference/integrator.hpp"
 #include "reference/model.hpp"
+#include "reference/plies.hpp"
 #include "reference/rays.hpp"
 #include "reference/scene.hpp"
 
@@ -51,6 +52,7 @@ struct Options {
     Integrator integrator = Integrator::direct;
     int max_depth = 32;
     ModelOptions model;
+    bool plies = false; // --model plies
     std::uint32_t seed = 0;
     int threads = 0;             // 0: all
     glm::ivec2 resolution{0, 0}; // 0: the scene's
@@ -139,7 +141,7 @@ std::string aov_help()
 Options parse_options(int argc, char** argv, bool& done)
 {
     Options options;
-    std::string integrator = "direct", resolution, region;
+    std::string integrator, resolution, region, geometry = "surface";
     std::vector<std::string> aovs;
     bool version = false;
     CLI::App app("Renders a scene of cloth with the reference: shared shading source, Embree rays.", program);
@@ -152,11 +154,13 @@ Options parse_options(int argc, char** argv, bool& done)
     app.add_option("--target-error", options.target_error,
                    "stop about this estimated relMSE; samples go where they lower it most")
         ->check(between(1e-12, 1e6));
-    app.add_option("--integrator", integrator, "direct (default), path");
+    app.add_option("--integrator", integrator, "direct (default), path (default of --model plies)");
     app.add_option("--max-depth", options.max_depth,
                    "path: surfaces that scatter along a path, 1 to 1024 (default 32; 1 is direct)")
         ->check(between(1, 1024));
     options.model.add_to(app);
+    app.add_option("--model", geometry,
+                   "surface (default), plies: traces the plies themselves, fabrics on planes and cylinders only");
     app.add_option("--seed", options.seed, "of all random numbers (default 0)")->check(between(0, 4294967295.0));
     app.add_option("--threads", options.threads, "threads (default: all cores)")->check(between(1, 1024));
     app.add_option("--resolution", resolution, "WIDTH,HEIGHT instead of the scene's");
@@ -191,6 +195,10 @@ Options parse_options(int argc, char** argv, bool& done)
     }
     if (options.scene.empty()) throw UsageError("no scene, expected SCENE.json");
     if (options.outputs.empty()) throw UsageError("no -o, expected OUT.exr or OUT.png");
+    options.plies = parse_word("--model", geometry, {{"surface", 0}, {"plies", 1}}) == 1;
+    if (integrator.empty()) integrator = options.plies ? "path" : "direct";
+    if (options.plies && options.model.says_anything())
+        throw UsageError("--model plies: found --mode, --bsdf or --visibility, which are the surface model's");
     options.integrator = Integrator(
         parse_word("--integrator", integrator, {{"direct", int(Integrator::direct)}, {"path", int(Integrator::path)}}));
     options.model.prepend_to(options.overrides);
@@ -205,6 +213,9 @@ Options parse_options(int argc, char** argv, bool& done)
         options.region = {n[0], n[1], n[2], n[3]};
     }
     options.aovs = parse_aovs(aovs);
+    if (options.plies && options.aovs & (aov_terms | aov_visibility))
+        throw UsageError("--model plies: found a layer of the surface model in --aov, expected albedo, normal, depth, "
+                         "uv, object, fabric or yarn");
     for (const std::string& path : options.outputs) check_result_path(path);
     if (options.samples == 0 && options.time_s == 0.0 && options.target_error == 0.0) options.samples = default_samples;
     return options;
@@ -292,12 +303,12 @@ RenderSettings settings_of(const Options& options, const Scene& scene)
 // Blocks are as long as the number of samples allows, at least 16 of them. Where only the time is known, the first
 // sample tells how many fit; where only the error is known, 16 samples a block.
 void choose_blocks(Outcome& outcome, const Options& options, const Scene& scene, const RayScene& rays,
-                   RenderSettings settings)
+                   const PlyScene* plies, RenderSettings settings)
 {
     std::uint64_t planned = options.samples;
     if (options.time_s > 0.0) {
         settings.block_length = 64;
-        outcome.renderer = std::make_unique<Renderer>(scene, rays, settings);
+        outcome.renderer = std::make_unique<Renderer>(scene, rays, settings, plies);
         outcome.state = outcome.renderer->start();
         const auto start = Clock::now();
         outcome.renderer->add_samples(outcome.state, 1);
@@ -308,30 +319,30 @@ void choose_blocks(Outcome& outcome, const Options& options, const Scene& scene,
     // Decisions of adaptive sampling are taken between pairs of blocks: short ones waste the least.
     if (options.target_error > 0.0) planned = std::min<std::uint64_t>(planned > 0 ? planned : 64, 64);
     settings.block_length = f32::cloth_block_length(std::uint32_t(planned));
-    outcome.renderer = std::make_unique<Renderer>(scene, rays, settings);
+    outcome.renderer = std::make_unique<Renderer>(scene, rays, settings, plies);
     if (outcome.state.samples == 0) outcome.state = outcome.renderer->start();
     if (outcome.state.samples == settings.block_length)
         for (PixelSums& sums : outcome.state.pixels) sums.finish_block(0);
 }
 
-void render(Outcome& outcome, const Options& options, const Scene& scene, const RayScene& rays,
+void render(Outcome& outcome, const Options& options, const Scene& scene, const RayScene& rays, const PlyScene* plies,
             const std::string& checkpoint_path)
 {
     RenderSettings settings = settings_of(options, scene);
-    const std::string owner = checkpoint_owner(scene, settings);
+    const std::string owner = checkpoint_owner(scene, settings) + (plies ? ", plies" : "");
     const auto start = Clock::now();
     std::optional<Checkpoint> checkpoint;
     if (options.resume) checkpoint = read_checkpoint(checkpoint_path, owner);
     if (checkpoint) {
         settings.block_length = checkpoint->block_length;
-        outcome.renderer = std::make_unique<Renderer>(scene, rays, settings);
+        outcome.renderer = std::make_unique<Renderer>(scene, rays, settings, plies);
         outcome.state = std::move(checkpoint->state);
         outcome.resumed_seconds = checkpoint->seconds;
         outcome.resumed_samples = outcome.state.samples;
         outcome.resumed_samples_mean =
             double(outcome.state.samples) - double(outcome.state.skipped) / double(outcome.state.pixels.size());
     } else {
-        choose_blocks(outcome, options, scene, rays, settings);
+        choose_blocks(outcome, options, scene, rays, plies, settings);
     }
 
     const Renderer& renderer = *outcome.renderer;
@@ -439,13 +450,18 @@ int run(int argc, char** argv)
 
     const auto build_start = Clock::now();
     const RayScene rays(scene);
+    const std::unique_ptr<PlyScene> plies =
+        options.plies ? std::make_unique<PlyScene>(scene, ply_models(scene)) : nullptr;
+    if (plies && !options.quiet)
+        for (const std::string& warning : plies->warnings())
+            std::fprintf(stderr, "%s: warning: %s\n", program, warning.c_str());
     const double build_seconds = seconds_since(build_start);
 
     std::signal(SIGINT, on_signal);
     std::signal(SIGTERM, on_signal);
     const std::string checkpoint_path = options.outputs.front() + ".checkpoint";
     Outcome outcome;
-    arena.execute([&] { render(outcome, options, scene, rays, checkpoint_path); });
+    arena.execute([&] { render(outcome, options, scene, rays, plies.get(), checkpoint_path); });
 
     const RenderState& state = outcome.state;
     const RenderSettings& settings = outcome.renderer->settings();
@@ -457,6 +473,7 @@ int run(int argc, char** argv)
     metadata["selvedge:samples"] = std::to_string(state.samples);
     metadata["selvedge:seconds"] = number_text(outcome.seconds);
     metadata["selvedge:integrator"] = settings.integrator == Integrator::direct ? "direct" : "path";
+    if (plies) metadata["selvedge:geometry"] = "plies";
     metadata["selvedge:block_length"] = std::to_string(settings.block_length);
     for (const std::string& path : options.outputs) write_result(path, result, scene.film.exposure, metadata);
 
@@ -484,6 +501,7 @@ int run(int argc, char** argv)
             {"resolution", {settings.resolution.x, settings.resolution.y}},
             {"region", {settings.region.x, settings.region.y, settings.region.z, settings.region.w}},
             {"integrator", metadata["selvedge:integrator"]},
+            {"geometry", plies ? "plies" : "surface"},
             {"model", model_json(scene.model)},
             {"samples", state.samples * pixels - state.skipped},
             {"spp_mean", spp_mean},
@@ -496,7 +514,8 @@ int run(int argc, char** argv)
             {"stopped_by", outcome.stopped_by},
             {"resumed_samples", outcome.resumed_samples},
             {"threads", threads},
-            {"triangles", rays.needs().triangles},
+            {"triangles", plies ? plies->triangles() : rays.needs().triangles},
+            {"instances", plies ? plies->instances() : 0},
             {"peak_rss_bytes", std::uint64_t(usage.ru_maxrss) * 1024},
             {"skipped", skipped_json(scene, rays, outcome)},
             {"warnings", scene.warnings},

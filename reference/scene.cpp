@@ -369,6 +369,9 @@ SceneObject read_object(const JsonValue& value, const Overrides& fabric_override
         if (value["matte"].has("albedo")) object.albedo = value["matte"]["albedo"].number_or_vector3(0.0, 1.0);
     }
     const glm::dmat4 to_world = read_transform(value);
+    object.shape = shape;
+    object.to_world = to_world;
+    object.tiles_from_uv = tiles_from_uv;
     // A fabric on one huge triangle would have no digits left for the place inside its repeat (math.md 10, hazard 16).
     const int divisions = object.fabric >= 0 ? 32 : 1;
     const SourceMesh source = shape.empty() ? load_mesh(value["mesh"].file(), object.fabric >= 0, scene.warnings)

@@ -29,6 +29,10 @@ struct SceneObject {
     Mesh mesh;
     int fabric = -1;         // index into Scene::fabrics; -1: matte
     glm::vec3 albedo{0.18f}; // matte only
+    // How the mesh came about, for who puts other geometry in its place (plies.hpp).
+    std::string shape; // built-in shape, or empty
+    glm::dmat4 to_world{1.0};
+    glm::dmat2 tiles_from_uv{0.0}; // from UV to repeats of the fabric
 };
 
 struct Environment {
