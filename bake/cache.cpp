@@ -84,6 +84,7 @@ std::string geometry_hash(const Fabric& fabric, const WovenPlan& plan, Visibilit
         hash.bytes(lengths->data(), lengths->size() * sizeof(float));
     for (const YarnSpec* yarn : {&fabric.warp, &fabric.weft}) {
         hash.number(yarn->aspect);
+        hash.number(std::int64_t(yarn->section));
         hash.number(yarn->crimp.value_or(-1.0f));
     }
     for (const int value : {plan.warp_plies, plan.weft_plies, plan.warp_turns, plan.weft_turns})

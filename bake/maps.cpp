@@ -35,6 +35,7 @@ struct Segments {
     std::vector<glm::vec3> mitre;   // unit normal of the plane in which the segments before and after i meet
     std::vector<std::uint8_t> last; // the tube ends here
     std::vector<float> aspect;      // of the tube
+    std::vector<glm::vec2> flat;    // of the tube: drawn out by so much to either side
     std::vector<std::uint8_t> yarn;
 
     explicit Segments(const PlyModel& model)
@@ -58,6 +59,7 @@ struct Segments {
                 mitre.push_back(glm::normalize(arrives + leaves));
                 last.push_back(i + 1 == count ? 1 : 0);
                 aspect.push_back(tube.aspect);
+                flat.push_back(tube.flat_m);
                 yarn.push_back(static_cast<std::uint8_t>(tube.yarn));
             }
         }
@@ -76,7 +78,8 @@ Bounds bounds_of(const Segments& segments, std::size_t i)
         const glm::vec2 centre(segments.point[end]);
         // 1.1: the mitre's ellipse is larger than the section where the tube bends
         const glm::vec2 reach =
-            1.1f * segments.point[end].w * glm::sqrt(glm::max(1.0f - glm::vec2(m) * glm::vec2(m), 0.0f));
+            1.1f * segments.point[end].w * glm::sqrt(glm::max(1.0f - glm::vec2(m) * glm::vec2(m), 0.0f)) +
+            glm::abs(segments.flat[end]);
         bounds.low = glm::min(bounds.low, centre - reach);
         bounds.high = glm::max(bounds.high, centre + reach);
     }
@@ -159,9 +162,40 @@ CylinderHit hit_cylinder(float qx, float qy, glm::vec3 d, float radius)
     return {h, std::sqrt(std::max(discriminant, 0.0f)), a, discriminant >= 0};
 }
 
+// Which copy of a straight cylinder, of those moved by -flat to flat, a ray along z meets on its ridge.
+struct Drawing {
+    glm::vec2 along{0}; // of the copies, unit
+    float reach = 0;    // to either side
+    glm::vec2 axis{0};  // of the cylinder, in the plane, so long that along x axis = 1
+    float ridge = 0;    // in front, in copies' distance from the axis; behind it is -ridge
+
+    Drawing(glm::vec2 flat, glm::vec3 d, float radius)
+    {
+        const float length = glm::length(flat);
+        if (length == 0) return;
+        along = flat / length;
+        const float turn = cross(along, glm::vec2(d));
+        // Along itself: the copies cover nothing that the tube's other segments do not.
+        if (std::abs(turn) < 1e-3f) return;
+        reach = length;
+        axis = glm::vec2(d) / turn;
+        const glm::vec3 normal = glm::normalize(glm::cross(d, glm::vec3(along, 0)));
+        ridge = radius * (normal.z < 0 ? -1.0f : 1.0f) * cross(glm::vec2(normal), axis);
+    }
+    static float cross(glm::vec2 a, glm::vec2 b) { return a.x * b.y - a.y * b.x; }
+    // How far the copy lies from the cylinder; q from a point of its axis.
+    glm::vec2 nearest(glm::vec2 q, int side) const
+    {
+        return along * std::clamp(cross(q, axis) - (side == 0 ? ridge : -ridge), -reach, reach);
+    }
+};
+
 // Rays along z against the tube between points i and i + 1. The straight cylinder about the chord tells where along the
 // tube the ray meets it; there the cylinder about the smooth centre line (Hermite through the points, along the mitre
 // normals) replaces it. Else the chords would show as facets.
+//
+// Of a tube drawn out along `flat` a ray sees the highest of its copies: those rise towards the one whose ridge the ray
+// meets, where the normal has no part along `flat`, and fall beyond it.
 void rasterise(const Segments& segments, std::size_t i, float shift_m, glm::vec2 step_m, Band& band)
 {
     Bounds b = bounds_of(segments, i);
@@ -179,14 +213,21 @@ void rasterise(const Segments& segments, std::size_t i, float shift_m, glm::vec2
     const glm::vec3 m0 = segments.mitre[i], m1 = segments.mitre[i + 1];
     // Upright: seen as nothing but its neighbours' ends. Folded back on itself: inside the bend of its neighbours.
     if (1 - d.z * d.z < 1e-6f || glm::dot(m0, d) < 0.1f || glm::dot(m1, d) < 0.1f) return;
+    const Drawing drawing(segments.flat[i], d, radius);
     for (int row = row0; row <= row1; ++row) {
-        const float qy = (static_cast<float>(row) + 0.5f) * step_m.y - shift_m - from.y;
+        const float ray_y = (static_cast<float>(row) + 0.5f) * step_m.y - shift_m - from.y;
         for (int column = column0; column <= column1; ++column) {
-            const float qx = (static_cast<float>(column) + 0.5f) * step_m.x - from.x;
-            const CylinderHit straight = hit_cylinder(qx, qy, d, radius);
-            if (!straight.hit) continue;
+            const float ray_x = (static_cast<float>(column) + 0.5f) * step_m.x - from.x;
             const std::size_t cell = band.at(wrapped(column, band.columns), row);
+            float qx = ray_x, qy = ray_y;
+            CylinderHit straight = hit_cylinder(qx, qy, d, radius);
             for (int side = 0; side < 2; ++side) {
+                if (drawing.reach > 0) {
+                    const glm::vec2 copy = drawing.nearest({ray_x, ray_y}, side);
+                    qx = ray_x - copy.x, qy = ray_y - copy.y;
+                    straight = hit_cylinder(qx, qy, d, radius);
+                }
+                if (!straight.hit) continue;
                 float z = (side == 0 ? straight.h + straight.root : straight.h - straight.root) / straight.a;
                 // Between the planes: not before the first, before the second; with a little overlap, for where radii
                 // change the cylinders do not quite meet.
