@@ -183,11 +183,18 @@ struct Drawing {
         ridge = radius * (normal.z < 0 ? -1.0f : 1.0f) * cross(glm::vec2(normal), axis);
     }
     static float cross(glm::vec2 a, glm::vec2 b) { return a.x * b.y - a.y * b.x; }
-    // How far the copy lies from the cylinder; q from a point of its axis.
-    glm::vec2 nearest(glm::vec2 q, int side) const
+    // How far along the copy lies from the cylinder; q from a point of its axis.
+    float nearest(glm::vec2 q, int side) const
     {
-        return along * std::clamp(cross(q, axis) - (side == 0 ? ridge : -ridge), -reach, reach);
+        return std::clamp(cross(q, axis) - (side == 0 ? ridge : -ridge), -reach, reach);
     }
+};
+
+// Where a ray meets a straight piece of a tube: its point relative to the copy, and that point's distances past the
+// plane where the piece begins and left to the plane where it ends.
+struct Meeting {
+    float x, y, z, past, left;
+    bool hit;
 };
 
 // Rays along z against the tube between points i and i + 1. The straight cylinder about the chord tells where along the
@@ -219,21 +226,40 @@ void rasterise(const Segments& segments, std::size_t i, float shift_m, glm::vec2
         for (int column = column0; column <= column1; ++column) {
             const float ray_x = (static_cast<float>(column) + 0.5f) * step_m.x - from.x;
             const std::size_t cell = band.at(wrapped(column, band.columns), row);
-            float qx = ray_x, qy = ray_y;
-            CylinderHit straight = hit_cylinder(qx, qy, d, radius);
+            const CylinderHit undrawn = hit_cylinder(ray_x, ray_y, d, radius);
+            if (!undrawn.hit && drawing.reach == 0) continue;
+            const auto meet = [&](float copy, int side) {
+                Meeting met{ray_x - copy * drawing.along.x, ray_y - copy * drawing.along.y, 0, 0, 0, false};
+                const CylinderHit straight = copy == 0 ? undrawn : hit_cylinder(met.x, met.y, d, radius);
+                met.hit = straight.hit;
+                if (!met.hit) return met;
+                met.z = (side == 0 ? straight.h + straight.root : straight.h - straight.root) / straight.a;
+                met.past = met.x * m0.x + met.y * m0.y + met.z * m0.z;
+                met.left = (chord.x - met.x) * m1.x + (chord.y - met.y) * m1.y + (chord.z - met.z) * m1.z;
+                return met;
+            };
             for (int side = 0; side < 2; ++side) {
-                if (drawing.reach > 0) {
-                    const glm::vec2 copy = drawing.nearest({ray_x, ray_y}, side);
-                    qx = ray_x - copy.x, qy = ray_y - copy.y;
-                    straight = hit_cylinder(qx, qy, d, radius);
+                float copy = drawing.reach > 0 ? drawing.nearest({ray_x, ray_y}, side) : 0;
+                Meeting met = meet(copy, side);
+                // Where that copy is met beyond the piece's end, the highest one within it is met at the end: Newton's
+                // steps to there.
+                for (int step = 0; drawing.reach > 0 && step < 4 && met.hit; ++step) {
+                    const bool early = met.past < met.left;
+                    const float beyond = early ? met.past : met.left;
+                    if (beyond >= -overlap) break;
+                    const glm::vec3 p(met.x, met.y, met.z), normal = p - glm::dot(p, d) * d;
+                    const glm::vec3 moves(-drawing.along, glm::dot(glm::vec2(normal), drawing.along) / normal.z);
+                    const float slope = early ? glm::dot(m0, moves) : -glm::dot(m1, moves);
+                    const float next = std::clamp(copy - beyond / slope, -drawing.reach, drawing.reach);
+                    if (!(std::abs(next - copy) > 1e-4f * radius)) break;
+                    copy = next;
+                    met = meet(copy, side);
                 }
-                if (!straight.hit) continue;
-                float z = (side == 0 ? straight.h + straight.root : straight.h - straight.root) / straight.a;
                 // Between the planes: not before the first, before the second; with a little overlap, for where radii
                 // change the cylinders do not quite meet.
-                const float past = qx * m0.x + qy * m0.y + z * m0.z;
-                const float left = (chord.x - qx) * m1.x + (chord.y - qy) * m1.y + (chord.z - z) * m1.z;
-                if (past < -overlap || left < -overlap) continue;
+                if (!met.hit || met.past < -overlap || met.left < -overlap) continue;
+                const float qx = met.x, qy = met.y, past = met.past, left = met.left;
+                float z = met.z;
                 const float t = std::clamp(past / std::max(past + left, 1e-20f), 0.0f, 1.0f), u = 1 - t;
                 const glm::vec3 way = glm::normalize(u * m0 + t * m1);
                 const glm::vec3 centre = t * t * (3 - 2 * t) * chord + length * t * u * (u * m0 - t * m1);

@@ -17,7 +17,7 @@ PICTURE = 224     # pixels a side
 SAMPLES = 128
 THREADS = 30      # ends or wales that the near view shows
 SHEET = 960       # pixels across
-SUN = [4.855, 4.150, 2.801]   # as in assets/scenes/demo.json
+SUN = [4.4, 4.2, 3.9]
 GREY, DARK = {"albedo": [0.35, 0.33, 0.31]}, {"albedo": [0.03, 0.03, 0.03]}
 
 HEAD = """# Fabrics
@@ -59,7 +59,7 @@ def drape(fabric, _):
     """A cloth of 1.4 m over a ball on a plinth, in sky and sun."""
     return {
         "camera": {"position": [-0.75, 1.02, 2.05], "target": [0, 0.55, 0], "up": [0, 1, 0], "fov": 25},
-        "film": {"resolution": [PICTURE, PICTURE], "filter": "tent", "exposure": 0.4},
+        "film": {"resolution": [PICTURE, PICTURE], "filter": "tent", "exposure": 0.1},
         "lights": [{"type": "environment", "image": str(ROOT / "assets/lights/sky.exr"), "visible": True},
                    {"type": "directional", "direction": [0.62, -0.58, -0.53], "irradiance": SUN, "angular_diameter": 0.53}],
         "objects": [{"shape": "plane", "scale": [60, 1, 60], "matte": GREY},

@@ -1,4 +1,5 @@
 // app/panels/fabric_panel.cpp: yarns of the scene's fabrics. Rows come from bake/params.hpp.
+#include <algorithm>
 #include <cstdio>
 
 #include <imgui.h>

@@ -210,13 +210,13 @@ TEST_CASE("a leaning, rising tube drawn out is all of its copies together")
             worst = std::max(worst, apart), sum += apart;
         }
     }
-    // Of the half width. Round copies meet their mitres elsewhere: a texel on an edge may differ by a sample of 16.
-    CHECK(other_gaps < 10);
-    CHECK(worst < 0.06);
+    // Of the half width. The copies stand 1/100 of its flat part apart, and a ray may meet one more or less of them.
+    CHECK(other_gaps == 0);
+    CHECK(worst < 0.03);
     CHECK(sum / static_cast<double>(a.gap.size()) < 5e-4);
 }
 
-TEST_CASE("at a crossing race-tracks touch over their flat parts, ellipses at a point")
+TEST_CASE("at a crossing race-tracks touch over their flat parts, ellipses do not")
 {
     for (const YarnSection section : {YarnSection::ellipse, YarnSection::racetrack}) {
         Fabric fabric = weave("plain 1/1", 1);
@@ -240,13 +240,13 @@ TEST_CASE("at a crossing race-tracks touch over their flat parts, ellipses at a 
             const std::size_t i = static_cast<std::size_t>((middle + dy) * 256 + middle + dx);
             return -upper.side[1].height_m[i] - lower.side[0].height_m[i];
         };
-        const int flat = static_cast<int>(0.5f * (1 - 0.4f) * 0.0004f / texel_m) - 1;
+        const int flat = static_cast<int>(0.5f * (1 - 0.4f) * 0.0004f / texel_m) - 3; // chords cut the corner beyond
         for (const int dx : {-flat, 0, flat})
             for (const int dy : {-flat, 0, flat}) {
                 INFO("section " << static_cast<int>(section) << " at " << dx << ", " << dy);
-                if (section == YarnSection::racetrack || (dx == 0 && dy == 0))
+                if (section == YarnSection::racetrack)
                     CHECK(std::abs(room(dx, dy)) < 0.005f * 0.00016f);
-                else
+                else if (dx != 0 || dy != 0)
                     CHECK(std::abs(room(dx, dy)) > 0.05f * 0.00016f);
             }
     }
