@@ -16,7 +16,7 @@ namespace
 {
 
 // Raise it when the words of a bake change for the same inputs.
-constexpr std::uint32_t format_version = 2;
+constexpr std::uint32_t format_version = 3;
 constexpr char magic[8] = {'s', 'e', 'l', 'v', 'b', 'a', 'k', 'e'};
 
 struct Header {

@@ -15,7 +15,7 @@ FABRICS = ROOT / "assets" / "fabrics"
 DOCS = ROOT / "docs"
 PICTURE = 224     # pixels a side
 SAMPLES = 128
-THREADS = 30      # ends or wales that the near view shows
+THREADS, WALES = 30, 15   # that the near view shows
 SHEET = 960       # pixels across
 SUN = [4.4, 4.2, 3.9]
 GREY, DARK = {"albedo": [0.35, 0.33, 0.31]}, {"albedo": [0.03, 0.03, 0.03]}
@@ -43,7 +43,7 @@ cloth, from its tex.
 | fibre twist | filament 2 to 6 degrees, spun yarns 16 to 24, crepe 38 |
 | optical thickness, albedo | chosen by eye, so that R and T are those of such cloth: a white shirt lets about a third of the light through, denim hardly any, organza most |
 
-Pictures: 1.4 m of the cloth over a ball in sky and sun; 30 ends or wales of it on a rod, the warp along the rod. Sheets:
+Pictures: 1.4 m of the cloth over a ball in sky and sun; 30 ends or 15 wales of it on a rod, the warp along the rod. Sheets:
 `selvedge-bake --preview`, the front above, the back below; colour, normal, direction of the ply, height, sky that it sees,
 horizons.
 """
@@ -82,7 +82,7 @@ def near(fabric, width):
 
 def near_width(report):
     lengths = report["lengths"]
-    return THREADS * (lengths["wale_spacing"] if "wale_spacing" in lengths else lengths["warp"]["spacing"])
+    return WALES * lengths["wale_spacing"] if "wale_spacing" in lengths else THREADS * lengths["warp"]["spacing"]
 
 
 def run(program, *arguments):

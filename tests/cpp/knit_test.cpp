@@ -165,7 +165,7 @@ std::string course(const char* bed, char way, int needles, const char* carrier =
 
 TEST_CASE("every loop of every structure is drawn through exactly once")
 {
-    for (const std::string name : every_structure()) {
+    for (const std::string& name : every_structure()) {
         INFO(name);
         const KnitPattern pattern = builtin_knit(name);
         check_closed(pattern);
@@ -184,7 +184,7 @@ TEST_CASE("every loop of every structure is drawn through exactly once")
 
 TEST_CASE("knitted yarns close through the tile and do not pass through each other")
 {
-    for (const std::string name : every_structure()) {
+    for (const std::string& name : every_structure()) {
         const Fabric fabric = knit(name);
         const KnitPlan plan = plan_knit(fabric, 256);
         const std::vector<YarnPath> yarns = yarns_of(fabric, plan);
