@@ -166,6 +166,11 @@ reference with another seed, less the part that this long render's own variance 
 noiseless image. Passes over all sample counts are repeated, preview and reference in turn; line: median, band: lowest and highest.
 Seconds to an error are interpolated between neighbouring points in the logarithms of both; *extrapolated* says that the series' time
 ran out above the error, and that the last points' slope and cost per sample were carried on, 32-fold at most.""",
+    "reference": """\
+`samples_over_raw_embree`: time of the same rays one by one in bare Embree, a camera ray a sample and as many shadow rays as the integrator
+traced, over the time of the integrator's sample (`direct`, one light sample), on one thread, in one process, in turn; the bare tree is of
+high quality and without filters. `meso_over_micro` and `speedup_2_threads` are ratios of rendering seconds of runs in turn.
+`bytes_per_triangle` is resident memory of mesh and tree. `adaptive_efficiency` compares sampling by `--target-error` with uniform sampling.""",
     "ingredients": """\
 What each ingredient of the model gains and costs; the tables and how they were measured are in [ingredients.md](ingredients.md). Here are the
 worst fabrics' figures: accuracy of visibility against exact rays; error of the effective reflectance of close-ups at 75 degrees
