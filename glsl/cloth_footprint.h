@@ -92,33 +92,32 @@ CLOTH_FN real2 cloth_march(CLOTH_IN(ClothMaps) maps, int side, real2 tile, real3
     real texels = max(abs(run.x) * real(maps.size.x), abs(run.y) * real(maps.size.y)) * cloth_height_top;
     real count  = clamp(ceil(texels / cloth_march_step), real(1), real(cloth_march_steps));
     real step   = cloth_height_top / count;
-    real z      = cloth_height_top - step * u;   // the first step ends in the relief
-    uvec2 place  = cloth_place(start + run * z);
-    uvec2 stride = cloth_place(run * -step);
+    // The ray goes down by quarters of a step, so that the halving below meets the places that the steps have left.
+    uvec2 quarter = cloth_wrap(run * (real(-0.25) * step));
+    real z        = cloth_height_top - step * u;   // the first step ends in the relief
+    uvec2 place   = cloth_wrap(start + run * z);
     for (int k = int(count); k > 0 && cloth_height_at(maps, side, place) < z; --k) {
         z -= step;
-        place += stride;
+        place += quarter << 2u;
     }
     // The surface lies between z and a step above it; halved twice, to three quarters of a texel.
-    real half_step = real(0.5) * step;
-    real above = z + step;
-    for (int k = 0; k < 2; ++k) {
-        real middle = above - half_step;
-        above     = cloth_height_at(maps, side, cloth_place(start + run * middle)) < middle ? middle : above;
-        half_step = real(0.5) * half_step;
-    }
+    real middle = z + real(0.5) * step;
+    bool lower  = cloth_height_at(maps, side, place - (quarter << 1u)) < middle;
+    real above  = lower ? middle : z + step;
+    middle      = above - real(0.25) * step;
+    lower       = cloth_height_at(maps, side, place - (lower ? quarter : quarter * 3u)) < middle;
+    above       = lower ? middle : above;
     // Half way: of a wall between two texels each gets its half. Below alone, crests would be seen too often (2 % too bright).
-    return start + run * (above - half_step);
+    return start + run * (above - real(0.125) * step);
 }
 
 // The point that the ray sees.
-//   side    0 front, 1 back;  o  local direction to the viewer, o.z > 0
+//   side    0 front, 1 back;  o  local direction to the viewer, o.z > 0;  u  cloth_dim_pick, x
 CLOTH_FN ClothPlace cloth_find(CLOTH_IN(ClothMaps) maps, int side, ClothFootprint footprint, real3 o, ClothSettings settings,
-                               ClothRandom random)
+                               ClothRandom random, real u)
 {
     real2 u_footprint = cloth_draw(random, cloth_dim_footprint);
     real2 u_texel     = cloth_draw(random, cloth_dim_texel);
-    real u            = cloth_draw(random, cloth_dim_pick).x;
     // Moving by up to half a texel each way before the nearest fetch is a bilinear filter in the mean.
     real2 half_texel  = (u_texel - real2(real(0.5))) / real2(real(maps.size.x), real(maps.size.y));
 
@@ -161,11 +160,11 @@ CLOTH_FN ClothPlace cloth_find(CLOTH_IN(ClothMaps) maps, int side, ClothFootprin
 }
 
 // What the ray meets at a found point.
+//   u       cloth_dim_pick, y
 //   return  passes, or a point whose value times `weight` is an estimate of the effective BSDF with cosine
 CLOTH_FN ClothSelection cloth_meet(CLOTH_IN(ClothMaps) maps, int side, ClothFootprint footprint, ClothPlace place, real3 o,
-                                   ClothSettings settings, ClothRandom random)
+                                   ClothSettings settings, real u)
 {
-    real u        = cloth_draw(random, cloth_dim_pick).y;
     bool meso     = settings.bsdf == cloth_bsdf_meso;
     bool relief   = meso && settings.weight == cloth_weight_relief;
     bool resample = meso && settings.weight == cloth_weight_resample;
@@ -207,7 +206,8 @@ CLOTH_FN ClothSelection cloth_meet(CLOTH_IN(ClothMaps) maps, int side, ClothFoot
 CLOTH_FN ClothSelection cloth_select(CLOTH_IN(ClothMaps) maps, int side, ClothFootprint footprint, real3 o, ClothSettings settings,
                                      ClothRandom random)
 {
-    return cloth_meet(maps, side, footprint, cloth_find(maps, side, footprint, o, settings, random), o, settings, random);
+    real2 u = cloth_draw(random, cloth_dim_pick);
+    return cloth_meet(maps, side, footprint, cloth_find(maps, side, footprint, o, settings, random, u.x), o, settings, u.y);
 }
 
 // Share of the light travelling along d that crosses the cloth at a point without being scattered. Zero footprint: the mean

@@ -78,14 +78,14 @@ CLOTH_FN ClothHorizon cloth_horizon(CLOTH_IN(ClothMaps) maps, int side, ivec2 xy
                         cloth_fetch_horizon(maps, side, ivec2(x0, y1)), cloth_fetch_horizon(maps, side, ivec2(x1, y1)), h - base);
 }
 
-// A place in the repeat as 32-bit fractions of its sides, which wrap by themselves, from any finite position in tiles.
-CLOTH_FN uvec2 cloth_place(real2 tile)
+// A position in tiles, any finite one, as 32-bit fractions of the repeat's sides, which wrap by themselves.
+CLOTH_FN uvec2 cloth_wrap(real2 tile)
 {
     real2 f = tile - floor(tile);
     return uvec2(uint(int(f.x * real(16777216))) << 8u, uint(int(f.y * real(16777216))) << 8u);
 }
 
-// Height at a place, in units of the map: 0 lowest, cloth_height_top highest; flat within a texel.
+// Height at such a place, in units of the map: 0 lowest, cloth_height_top highest; flat within a texel.
 CLOTH_CONST real cloth_height_top = real(65535);
 CLOTH_FN real cloth_height_at(CLOTH_IN(ClothMaps) maps, int side, uvec2 place)
 {
