@@ -42,7 +42,7 @@ ROWS = read_rows()
 @dataclasses.dataclass
 class Tables:
     """Maps of one fabric and the lights, in the words that the renderers keep. Texels are (h, w, 2) uint32; yarns (n, 17) and
-    lights (n, 19) are rows of numbers as shared_inputs.h reads them; environment (h, w, 4), alias (h, w, 2)."""
+    lights (n, 19) are rows of numbers as shared_inputs.h reads them, and so are emitters (n, 13); environment (h, w, 4), alias (h, w, 2)."""
     texels: tuple
     horizons: tuple
     mips: tuple
@@ -50,6 +50,7 @@ class Tables:
     lights: np.ndarray
     environment: np.ndarray
     alias: np.ndarray
+    emitters: np.ndarray
 
     @property
     def size(self):
@@ -73,6 +74,7 @@ class Tables:
             put(self.lights, "f4", 1)
             put(self.environment, "f4", 1)
             put(self.alias, "u4", 2)
+            put(self.emitters, "f4", 1)
 
 
 class CppEvaluator:
@@ -101,9 +103,13 @@ class GlslEvaluator:
         yarns = np.hstack([y[:, 0:3], y[:, 12:13], y[:, 3:6], y[:, 13:14], y[:, 6:9], y[:, 14:15], y[:, 9:12], y[:, 15:16], z, y[:, 16:17]])
         v, z = np.asarray(tables.lights, "f4"), np.zeros((len(tables.lights), 1), "f4")
         lights = np.hstack([v[:, 2:5], v[:, 17:18], v[:, 5:8], v[:, 18:19], v[:, 8:11], z, v[:, 11:14], z, v[:, 14:17], z, v[:, 0:2], z, z])
-        self.bound = [gl.buffer(np.ascontiguousarray(a).tobytes()) for a in (np.concatenate(t), np.concatenate(mips), yarns, lights)]
-        formats = (gl_contexts.GL_RG32UI, gl_contexts.GL_R32UI, gl_contexts.GL_RGBA32F, gl_contexts.GL_RGBA32F)
-        for unit, (buffer, internal_format) in enumerate(zip(self.bound, formats), 1):
+        e = np.ascontiguousarray(tables.emitters, "f4")
+        halves, corners = e[:, 9:].astype("u4"), e[:, :9].view("u4")
+        alias = halves[:, 0::2] | (halves[:, 1::2] << 16)
+        emitters = np.hstack([corners[:, 0:3], alias[:, :1], corners[:, 3:6], alias[:, 1:], corners[:, 6:9], 0 * alias[:, :1]])
+        self.bound = [gl.buffer(np.ascontiguousarray(a).tobytes()) for a in (np.concatenate(t), np.concatenate(mips), yarns, lights, emitters)]
+        formats = (gl_contexts.GL_RG32UI, gl_contexts.GL_R32UI, gl_contexts.GL_RGBA32F, gl_contexts.GL_RGBA32F, gl_contexts.GL_RGBA32UI)
+        for unit, buffer, internal_format in zip((1, 2, 3, 4, 9), self.bound, formats):
             self.context.bind_buffer_texture(unit, internal_format, buffer)
         for unit, (array, kind) in enumerate(((tables.environment, "f4"), (tables.alias, "u4")), 5):
             texture = gl.texture(tables.environment_size, array.shape[2], np.ascontiguousarray(array, kind).tobytes(), dtype=kind)
@@ -125,7 +131,7 @@ class GlslEvaluator:
                 program = self.context.gl.compute_shader(source)
             except moderngl.Error as error:
                 raise AssertionError(shader_source.readable(str(error), files)) from None
-            for unit, name in enumerate(("map_words", "slope_words", "yarn_table", "light_table", "environment_map", "alias_map", "height_words", "asg_table"), 1):
+            for unit, name in enumerate(("map_words", "slope_words", "yarn_table", "light_table", "environment_map", "alias_map", "height_words", "asg_table", "emitter_table"), 1):
                 self.context.set_sampler(program, name, unit)
             self.programs[key] = program
         return self.programs[key]

@@ -38,6 +38,7 @@ void read_tables(const char* path)
     read_items(file, tables.lights);
     read_items(file, tables.environment);
     read_items(file, tables.alias);
+    read_items(file, tables.emitters);
     std::fclose(file);
 }
 
