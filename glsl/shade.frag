@@ -1,5 +1,6 @@
 // Root: radiance of this frame's sample of every pixel; the blend unit adds it to the sum of the block.
 //   FABRIC  objects with fabric   GAPS  fabrics with gaps   MATTE  objects without   FOOTPRINT  several points a frame
+//   CONVEX  nothing is in the way in front of a triangle
 #include "interop.h"
 #include "cloth.h"
 #include "blocks.h"
@@ -16,6 +17,9 @@ vec3 direct_light(ClothMaps maps, ClothSurface surface, ClothShading shading, Cl
 {
     ClothDirect d = cloth_direct(frame_lights(), maps, surface, shading, frame_settings(), random);
     if (!d.any) return vec3(0.0);
+#ifdef CONVEX
+    if (dot(d.wi, surface.normal_g) * (surface.side == 0 ? 1.0 : -1.0) > 0.0) return d.value;
+#endif
     vec3 side = surface.normal_g * (dot(d.wi, surface.normal_g) < 0.0 ? -1.0 : 1.0);
     return d.value * transmittance(cloth_leave(surface.position, side), d.wi, d.distance * (1.0 - 1e-4));
 }
