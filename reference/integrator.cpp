@@ -592,8 +592,8 @@ void Renderer::judge(RenderState& state) const
     for (std::size_t tile = 0; tile < state.tiles.size(); ++tile) {
         if (state.tiles[tile].done()) continue;
         for (int half = 0; half < 2; ++half) {
-            const bool enough =
-                double(state.samples) * settings_.target_error >= state.pilot[half] * std::sqrt(variance[tile][half]);
+            const bool enough = double(state.samples) * adaptive_aim * settings_.target_error >=
+                                state.pilot[half] * std::sqrt(variance[tile][half]);
             if (enough && state.tiles[tile].kept[1 - half] == 0) stops[1 - half][tile] = true;
         }
     }

@@ -87,7 +87,7 @@ struct RenderSettings {
     int roulette_start = 3; // bounces that Russian roulette never cuts short
 
     // Above 0: samples go where they lower the mean relMSE of the picture most, and end where it is expected to be
-    // this. In tiles of 16 x 16 pixels, each of which stops by itself; bits are the same for any threads and steps, but
+    // below this (adaptive_aim). In tiles of 16 x 16 pixels, each of which stops by itself; bits are the same for any threads and steps, but
     // a region, whose tiles and mean are others, stops at other counts than the picture does.
     //
     // The mean stays unbiased: even and odd blocks of samples are independent halves, and each half's length is decided
@@ -99,6 +99,9 @@ struct RenderSettings {
 };
 
 inline constexpr std::uint32_t adaptive_pilot = 4; // blocks of each half before the first decision
+// Error that sampling aims for, over the one that was asked for: roots of four blocks' variances are low by about 1/12
+// in pixels that stand alone, and M with them; the picture must not miss what was asked for.
+inline constexpr double adaptive_aim = 0.85;
 
 // Adaptive sampling of one tile.
 struct TileState {
