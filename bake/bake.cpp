@@ -53,7 +53,6 @@ void pack_side(const FabricMaps& maps, int s, const std::vector<float>& irradian
         texel.irradiance = irradiance[i];
         out.texels[i] = pack_texel(texel);
     }
-    out.heights_m = side.height_m;
 }
 
 void count_cover(const FabricMaps& maps, const YarnTypes& types, PackedFabric& packed)
@@ -69,26 +68,11 @@ void count_cover(const FabricMaps& maps, const YarnTypes& types, PackedFabric& p
     packed.warp_cover = static_cast<float>(warp) / total;
     packed.weft_cover = static_cast<float>(maps.gap.size() - gap - warp) / total;
     packed.has_gaps = gap > 0;
-    const auto [low, high] = std::minmax_element(maps.side[0].height_m.begin(), maps.side[0].height_m.end());
-    packed.height_range_m = {*low, *high};
 }
 
-// What follows from cached words and from shading parameters, and costs little: heights as the shader wants them, the
-// twist noise, and the paper's visibility where it is asked for.
-void finish(const Fabric& fabric, VisibilityKind kind, PackedFabric& packed)
+// What follows from shading parameters, and costs little: the twist noise, light between fibres.
+void finish(const Fabric& fabric, PackedFabric& packed)
 {
-    for (PackedSide& side : packed.side) {
-        const HeightField field{packed.size, packed.tile_m, &side.heights_m};
-        side.height_range_m = height_range(field);
-        const float low = side.height_range_m.x, range = std::max(side.height_range_m.y - low, 1e-9f);
-        side.height_range_m.y = low + range;
-        side.heights.resize(side.heights_m.size());
-        for (std::size_t i = 0; i < side.heights.size(); ++i)
-            side.heights[i] = static_cast<std::uint16_t>(
-                std::lround(std::clamp((side.heights_m[i] - low) / range, 0.0f, 1.0f) * 65535.0f));
-        if (kind == VisibilityKind::asg || kind == VisibilityKind::asg_lsq)
-            side.asg = fit_asg(field, kind == VisibilityKind::asg_lsq);
-    }
     const glm::vec2 cells = packed.tile_m / fabric.irregularity_length_m;
     packed.noise_cells = glm::max(glm::ivec2(glm::round(cells)), glm::ivec2(1));
     packed.noise_amplitude = glm::radians(fabric.irregularity_deg);
@@ -97,28 +81,87 @@ void finish(const Fabric& fabric, VisibilityKind kind, PackedFabric& packed)
             packed.lets_light_between_fibres || std::exp(-yarn.thickness) > unscattered_limit;
 }
 
+// Cloth of single-ply yarns may be its own mirror image in the mid-plane, moved by some threads: plain weaves, even
+// twills and baskets. (Plies wind to one hand and start anywhere.) Texels from a point of the back to its like on the
+// front, even ones; absent where there are none.
+std::optional<glm::ivec2> mirrored_shift(const WovenPlan& plan)
+{
+    const Draft& repeat = plan.repeat;
+    const std::size_t ends = repeat.ends.size(), picks = repeat.picks.size();
+    if (plan.warp_plies > 1 || plan.weft_plies > 1) return std::nullopt;
+    // Moves along one system that leave its yarns as they are, as (threads, texels).
+    using Move = std::pair<std::size_t, int>;
+    const auto moves = [](const std::vector<int>& type, const std::vector<float>& spacing_m,
+                          const std::vector<float>& width_m, float tile_m, int texels) {
+        std::vector<Move> list;
+        const std::size_t n = type.size();
+        double at = 0;
+        for (std::size_t by = 0; by < n; at += double(spacing_m[by]), ++by) {
+            const double half = at / double(tile_m) * texels / 2;
+            bool same = std::abs(half - std::round(half)) < 1e-3;
+            for (std::size_t k = 0; k < n && same; ++k) {
+                const std::size_t there = (k + by) % n;
+                same = type[k] == type[there] && spacing_m[k] == spacing_m[there] && width_m[k] == width_m[there];
+            }
+            if (same) list.emplace_back(by, 2 * static_cast<int>(std::lround(half)));
+        }
+        return list;
+    };
+    const std::vector<Move> along_x =
+        moves(plan.end_type, plan.end_spacing_m, plan.end_width_m, plan.tile_m.x, plan.size.x);
+    for (const Move& y : moves(plan.pick_type, plan.pick_spacing_m, plan.pick_width_m, plan.tile_m.y, plan.size.y))
+        for (const Move& x : along_x) {
+            bool mirrored = true;
+            for (std::size_t p = 0; p < picks && mirrored; ++p)
+                for (std::size_t e = 0; e < ends && mirrored; ++e)
+                    mirrored =
+                        repeat.warp_on_top(p, e) != repeat.warp_on_top((p + y.first) % picks, (e + x.first) % ends);
+            if (mirrored) return glm::ivec2(x.second, y.second);
+        }
+    return std::nullopt;
+}
+
+// Rows of `per` items a cell, cells moved around the tile: out(x, y) = in(x + shift.x, y + shift.y).
+template <class T> std::vector<T> moved(const std::vector<T>& in, glm::ivec2 cells, glm::ivec2 shift, int per)
+{
+    std::vector<T> out(in.size());
+    for (int y = 0; y < cells.y; ++y)
+        for (int x = 0; x < cells.x; ++x) {
+            const int from = ((y + shift.y) % cells.y * cells.x + (x + shift.x) % cells.x) * per;
+            std::copy_n(in.begin() + from, per, out.begin() + (y * cells.x + x) * per);
+        }
+    return out;
+}
+
 // What the rest of the bake asks of a pattern, woven or knit.
 struct Geometry {
     glm::ivec2 size{0}; // texels
     glm::vec2 tile_m{0};
+    std::optional<glm::ivec2> back_shift; // where the back is the front, moved: by this many texels
     std::vector<std::string> warnings;
-    std::function<std::string(VisibilityKind)> hash;
+    std::function<std::string()> hash;
     std::function<PlyModel(std::vector<std::string>& warnings)> plies;
 };
 
 Geometry woven_geometry(const Fabric& fabric, int resolution)
 {
     const WovenPlan plan = plan_woven(fabric, resolution);
-    return {plan.size, plan.tile_m, plan.warnings,
-            [&fabric, plan](VisibilityKind kind) { return geometry_hash(fabric, plan, kind); },
+    return {plan.size,
+            plan.tile_m,
+            mirrored_shift(plan),
+            plan.warnings,
+            [&fabric, plan] { return geometry_hash(fabric, plan); },
             [&fabric, plan](auto&) { return wind_plies(plan.tile_m, weave_yarns(fabric, plan)); }};
 }
 
 Geometry knit_geometry(const Fabric& fabric, int resolution)
 {
     const KnitPlan plan = plan_knit(fabric, resolution);
-    return {plan.size, plan.tile_m, plan.warnings,
-            [&fabric, plan](VisibilityKind kind) { return geometry_hash(fabric, plan, kind); },
+    return {plan.size,
+            plan.tile_m,
+            std::nullopt,
+            plan.warnings,
+            [&fabric, plan] { return geometry_hash(fabric, plan); },
             [&fabric, plan](auto& warnings) {
                 PlyModel model = wind_plies(plan.tile_m, knit_yarns(fabric, plan, warnings));
                 model.wall_share = 1, model.gap_steepness = 3; // loops lie high above each other
@@ -137,22 +180,91 @@ std::vector<cloth::f32::ClothYarn> shade_yarns(const Fabric& fabric)
     return out;
 }
 
+namespace
+{
+
+// Tubes -> maps -> horizons -> words; the horizons are always baked, for the cosine irradiance is made of them.
+void bake_maps(const Geometry& geometry, const YarnTypes& types, PackedFabric& packed,
+               std::vector<std::string>& warnings, BakeReport& spent)
+{
+    Stopwatch stage;
+    packed.tile_m = geometry.tile_m;
+    const PlyModel model = geometry.plies(warnings);
+    spent.pattern_seconds = stage.lap();
+    const FabricMaps maps = project_plies(model, packed.size, samples_for(packed.size));
+    count_cover(maps, types, packed);
+    const int sides = packed.back_shift ? 1 : 2;
+    for (int s = 0; s < sides; ++s) pack_heights(maps.side[s].height_m, packed.side[s]);
+    spent.maps_seconds = stage.lap();
+    for (int s = 0; s < sides; ++s) {
+        PackedSide& side = packed.side[s];
+        const std::vector<float> heights = heights_m(packed, s); // as the cache has them
+        side.horizons = horizon_knots({packed.size, packed.tile_m, &heights});
+        std::vector<glm::vec2> shown = maps.side[s].slope; // as stored: gaps are flat
+        for (std::size_t i = 0; i < shown.size(); ++i)
+            if (maps.gap[i]) shown[i] = glm::vec2(0);
+        const std::vector<float> irradiance = cosine_irradiance(side.horizons, shown, packed.size);
+        spent.visibility_seconds += stage.lap();
+        pack_side(maps, s, irradiance, side);
+        spent.normals_seconds += stage.lap();
+    }
+    for (int s = 0; s < 2; ++s)
+        for (const glm::vec2 slope : slope_mips(maps.side[s].slope, packed.size))
+            packed.side[s].slope_mips.push_back(pack_slope(slope));
+    spent.normals_seconds += stage.lap();
+    spent.baked = {"pattern", "maps", "visibility", "normals"};
+}
+
+// What a kind other than horizon8 looks at.
+void bake_visibility(PackedFabric& packed, BakeReport& spent)
+{
+    Stopwatch stage;
+    for (int s = 0; s < (packed.back_shift ? 1 : 2); ++s) {
+        const std::vector<float> heights = heights_m(packed, s);
+        const HeightField field{packed.size, packed.tile_m, &heights};
+        if (packed.visibility == VisibilityKind::horizon16)
+            packed.side[s].words = horizon_knots(field, 16);
+        else if (packed.visibility == VisibilityKind::cap)
+            packed.side[s].words = fit_cap(field);
+        else
+            packed.side[s].asg = fit_asg(field, packed.visibility == VisibilityKind::asg_lsq);
+    }
+    spent.visibility_seconds += stage.lap();
+    if (spent.baked.empty()) spent.baked = {"visibility"};
+}
+
+// The back out of the front, where it is that. Its slope mips are its own: large cells do not move by whole cells.
+void mirror_front(PackedFabric& packed)
+{
+    if (!packed.back_shift) return;
+    const glm::ivec2 shift = *packed.back_shift;
+    const PackedSide& front = packed.side[0];
+    PackedSide& back = packed.side[1];
+    const glm::ivec2 half = packed.size / 2;
+    back.texels = moved(front.texels, packed.size, shift, 1);
+    back.horizons = moved(front.horizons, half, shift / 2, 1);
+    back.height_range_m = front.height_range_m;
+    back.heights = moved(front.heights, packed.size, shift, 1);
+    const bool cap = packed.visibility == VisibilityKind::cap;
+    if (!front.words.empty())
+        back.words = moved(front.words, cap ? packed.size : half, cap ? shift : shift / 2, cap ? 1 : 2);
+    if (!front.asg.empty()) back.asg = moved(front.asg, packed.size, shift, 2);
+}
+
+} // namespace
+
 PackedFabric bake_fabric(const Fabric& fabric, const BakeOptions& options, BakeReport* report)
 {
-    Stopwatch total, stage;
+    Stopwatch total;
     BakeReport spent;
     const VisibilityKind kind = options.visibility.value_or(fabric.visibility);
-    if (kind == VisibilityKind::horizon16 || kind == VisibilityKind::cap)
-        throw UsageError("visibility %s is not available in this version, expected horizon8, asg, asg-lsq or exact",
-                         visibility_name(kind));
-
     const int resolution = options.resolution > 0 ? options.resolution : fabric.resolution;
     const Geometry geometry = fabric.knit ? knit_geometry(fabric, resolution) : woven_geometry(fabric, resolution);
-    const glm::ivec2 size = geometry.size;
     PackedFabric packed;
     packed.name = fabric.name;
-    packed.size = size;
+    packed.size = geometry.size;
     packed.visibility = kind;
+    packed.back_shift = geometry.back_shift;
     packed.warnings = fabric.warnings;
     packed.warnings.insert(packed.warnings.end(), geometry.warnings.begin(), geometry.warnings.end());
     const YarnTypes types = yarn_types(fabric);
@@ -161,33 +273,21 @@ PackedFabric bake_fabric(const Fabric& fabric, const BakeOptions& options, BakeR
     for (const auto& yarn : packed.yarns)
         packed.transmits = packed.transmits || glm::any(glm::greaterThan(yarn.albedo_t + yarn.diffuse_t, glm::vec3(0)));
 
-    const std::string hash = options.use_cache ? geometry.hash(kind) : "";
-    spent.cached = options.use_cache && !options.force && read_cache(hash, packed, &spent.disk_bytes);
-    if (!spent.cached) {
-        packed.tile_m = geometry.tile_m;
-        stage.lap();
-        const PlyModel model = geometry.plies(packed.warnings);
-        spent.pattern_seconds = stage.lap();
-        const FabricMaps maps = project_plies(model, size, samples_for(size));
-        count_cover(maps, types, packed);
-        spent.maps_seconds = stage.lap();
-        for (int s = 0; s < 2; ++s) {
-            PackedSide& side = packed.side[s];
-            side.horizons = horizon_knots({size, geometry.tile_m, &maps.side[s].height_m});
-            std::vector<glm::vec2> shown = maps.side[s].slope; // as stored: gaps are flat
-            for (std::size_t i = 0; i < shown.size(); ++i)
-                if (maps.gap[i]) shown[i] = glm::vec2(0);
-            const std::vector<float> irradiance = cosine_irradiance(side.horizons, shown, size);
-            spent.visibility_seconds += stage.lap();
-            pack_side(maps, s, irradiance, side);
-            for (const glm::vec2 slope : slope_mips(maps.side[s].slope, size))
-                side.slope_mips.push_back(pack_slope(slope));
-            spent.normals_seconds += stage.lap();
+    const std::string hash = options.use_cache ? geometry.hash() : "";
+    const auto part = [&](CachePart which, const auto& bake) {
+        std::vector<std::string> warnings;
+        if (!options.use_cache || options.force || !read_cache(which, hash, packed, warnings, spent.disk_bytes)) {
+            bake(warnings);
+            if (options.use_cache) spent.disk_bytes += write_cache(which, hash, packed, warnings);
         }
-        if (options.use_cache) spent.disk_bytes = write_cache(hash, packed);
-    }
-    finish(fabric, kind, packed);
-    spent.visibility_seconds += stage.lap();
+        packed.warnings.insert(packed.warnings.end(), warnings.begin(), warnings.end());
+    };
+    part(CachePart::maps, [&](auto& warnings) { bake_maps(geometry, types, packed, warnings, spent); });
+    if (kind != VisibilityKind::horizon8 && kind != VisibilityKind::exact)
+        part(CachePart::visibility, [&](auto&) { bake_visibility(packed, spent); });
+    mirror_front(packed);
+    spent.cached = spent.baked.empty();
+    finish(fabric, packed);
     spent.memory_bytes = packed.resident_bytes();
     spent.total_seconds = total.lap();
     if (report) *report = spent;
@@ -199,15 +299,14 @@ VisibilityError measure_visibility(const PackedFabric& fabric, int directions, i
     VisibilityError error;
     error.directions = directions;
     error.texels = texels;
-    if (fabric.visibility == VisibilityKind::exact) return error; // it is its own yardstick
-
     const glm::ivec2 size = fabric.size;
     const cloth::f32::ClothMaps maps = maps_of(fabric);
     cloth::f32::ClothSettings settings = full_model;
-    if (fabric.visibility != VisibilityKind::horizon8) settings.visibility = cloth::f32::cloth_visibility_asg;
+    settings.visibility = visibility_lookup(fabric.visibility);
     std::vector<double> sums(static_cast<std::size_t>(texels), 0.0);
     for (int side = 0; side < 2; ++side) {
-        const HeightField field{size, fabric.tile_m, &fabric.side[side].heights_m};
+        const std::vector<float> heights = heights_m(fabric, side);
+        const HeightField field{size, fabric.tile_m, &heights};
         const glm::vec2 range_m = height_range(field);
         tbb::parallel_for(0, texels, [&](int t) {
             // Texels and directions on golden-ratio lattices: even cover, no seed.

@@ -12,20 +12,23 @@ namespace selvedge
 
 struct BakeOptions {
     int resolution = 0;                       // 0: the fabric's own
-    std::optional<VisibilityKind> visibility; // absent: the fabric's own. Only horizon8 and exact can be baked
+    std::optional<VisibilityKind> visibility; // absent: the fabric's own
     bool use_cache = true; // read and write $SELVEDGE_CACHE, $XDG_CACHE_HOME/selvedge or ~/.cache/selvedge
     bool force = false;    // bake even when cached (and write the cache again)
 };
 
 struct BakeReport {
     double pattern_seconds = 0, maps_seconds = 0, visibility_seconds = 0, normals_seconds = 0, total_seconds = 0;
-    std::size_t memory_bytes = 0; // PackedFabric::resident_bytes
-    std::size_t disk_bytes = 0;   // of the cache file; 0 without cache
-    bool cached = false;
+    std::size_t memory_bytes = 0;   // PackedFabric::resident_bytes
+    std::size_t disk_bytes = 0;     // of the cache file; 0 without cache
+    bool cached = false;            // nothing was baked
+    std::vector<std::string> baked; // the stages that were: of "pattern", "maps", "visibility", "normals"
 };
 
 // Pattern -> plies -> maps -> horizons -> packed words. Pure but for the cache; uses all cores (TBB).
-//   throws  InputError: a repeat too large to resolve; UsageError: a visibility kind that is not available
+// Only what is not in the cache is baked: nothing for a new albedo, roughness or fibre twist, the visibility alone for
+// a new kind of it.
+//   throws  InputError: a repeat too large to resolve
 PackedFabric bake_fabric(const Fabric& fabric, const BakeOptions& options = {}, BakeReport* report = nullptr);
 
 // The yarn types of a fabric as the shader reads them, in the order of the packed yarn indices; costs microseconds:

@@ -40,7 +40,7 @@ Options parse_options(int argc, char** argv, bool& done)
     app.add_option("--resolution", options.resolution, "texels along the longer side of the repeat (16 to 2048)")
         ->check(CLI::Range(16, 2048));
     app.add_option("--visibility", options.visibility,
-                   "horizon8, exact (horizon16, cap, asg, asg-lsq: not available yet)");
+                   "horizon8 (default), horizon16, cap, asg, asg-lsq, exact: how yarns hide light from each other");
     app.add_option("-D", options.overrides, "path.to.key=value: overrides a value of the fabric")
         ->allow_extra_args(false);
     app.add_option("--preview", options.preview, "PNG: all maps on one sheet, front above, back below");
@@ -76,9 +76,6 @@ Options parse_options(int argc, char** argv, bool& done)
 
 nlohmann::json report_json(const PackedFabric& fabric, const BakeReport& report, const VisibilityError& error)
 {
-    // horizons at half resolution: 8 bytes for 4 texels; the exact march reads float heights
-    const bool asg = fabric.visibility == VisibilityKind::asg || fabric.visibility == VisibilityKind::asg_lsq;
-    const double bytes_per_texel = fabric.visibility == VisibilityKind::exact ? 4 : asg ? 32 : 2;
     return {{"fabric", fabric.name},
             {"texels", {fabric.size.x, fabric.size.y}},
             {"tile", {fabric.tile_m.x, fabric.tile_m.y}},
@@ -91,11 +88,13 @@ nlohmann::json report_json(const PackedFabric& fabric, const BakeReport& report,
             {"bytes", {{"memory", report.memory_bytes}, {"disk", report.disk_bytes}}},
             {"visibility",
              {{"kind", visibility_name(fabric.visibility)},
-              {"bytes_per_texel", bytes_per_texel},
+              {"bytes_per_texel", fabric.visibility_bytes_per_texel()},
               {"rms_error", error.rms},
               {"directions", error.directions},
               {"texels", 2 * error.texels}}},
             {"cached", report.cached},
+            {"baked", report.baked},
+            {"sides", fabric.back_shift ? 1 : 2},
             {"coverage", {{"warp", fabric.warp_cover}, {"weft", fabric.weft_cover}, {"gap", fabric.gap_cover}}},
             {"yarns", fabric.yarn_names},
             {"warnings", fabric.warnings}};

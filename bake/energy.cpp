@@ -45,20 +45,21 @@ SlabTable slab_table(const YarnSpec& spec)
     constexpr double extreme_deg[SlabTable::extremes] = {0, 85, 89};
     const double alpha_r = double(spec.roughness),
                  alpha_t = double(spec.roughness_transmission.value_or(spec.roughness));
+    constexpr int rows = (SlabTable::shares + SlabTable::extremes) * SlabTable::turns;
     SlabTable table;
+    tbb::parallel_for(0, rows, [&](int k) {
+        const int a = k / SlabTable::turns, b = k % SlabTable::turns;
+        const bool share = a < SlabTable::shares;
+        const double c_o = share ? std::sqrt((a + 0.5) / SlabTable::shares)
+                                 : std::cos(glm::radians(extreme_deg[a - SlabTable::shares]));
+        // Extremes along and across the fibre, too.
+        const double turn = (share ? b + 0.5 : b * 1.5) / SlabTable::turns * 90;
+        table.rows[k].angle_deg = glm::degrees(std::acos(c_o));
+        table.rows[k].albedo = slab_albedo(alpha_r, alpha_t, double(spec.thickness), c_o, std::sin(glm::radians(turn)));
+    });
     double mean = 0;
-    for (int a = 0; a < SlabTable::shares + SlabTable::extremes; ++a)
-        for (int b = 0; b < SlabTable::turns; ++b) {
-            const bool share = a < SlabTable::shares;
-            const double c_o = share ? std::sqrt((a + 0.5) / SlabTable::shares)
-                                     : std::cos(glm::radians(extreme_deg[a - SlabTable::shares]));
-            // Extremes along and across the fibre, too.
-            const double turn = (share ? b + 0.5 : b * 1.5) / SlabTable::turns * 90;
-            SlabTable::Row& row = table.rows[a * SlabTable::turns + b];
-            row.angle_deg = glm::degrees(std::acos(c_o));
-            row.albedo = slab_albedo(alpha_r, alpha_t, double(spec.thickness), c_o, std::sin(glm::radians(turn)));
-            if (share) mean += row.albedo.x / (SlabTable::shares * SlabTable::turns);
-        }
+    for (int k = 0; k < SlabTable::shares * SlabTable::turns; ++k)
+        mean += table.rows[k].albedo.x / (SlabTable::shares * SlabTable::turns);
     table.reflectance = float(mean);
     return table;
 }

@@ -60,11 +60,10 @@ glm::vec3 panel_colour(const PackedFabric& fabric, int side, int panel, int x, i
     case 2:
         return texel.gap ? glm::vec3(0) : hue(texel.azimuth / pi);
     case 3: {
-        const float low = side == 0 ? fabric.height_range_m.x : -fabric.height_range_m.y;
-        const float reach =
-            std::max({std::abs(low), std::abs(fabric.height_range_m.x), std::abs(fabric.height_range_m.y), 1e-9f});
+        const glm::vec2 front = fabric.side[0].height_range_m, back = fabric.side[1].height_range_m;
+        const float reach = std::max({-front.x, front.y, -back.x, back.y, 1e-9f});
         return texel.gap ? glm::vec3(0.3f, 0, 0.3f)
-                         : glm::vec3(std::clamp(fabric.side[side].heights_m[i] / reach * 0.5f + 0.5f, 0.0f, 1.0f));
+                         : glm::vec3(std::clamp(height_m(fabric.side[side], i) / reach * 0.5f + 0.5f, 0.0f, 1.0f));
     }
     case 4:
         return glm::vec3(texel.irradiance);
@@ -120,7 +119,8 @@ Image map_layers(const PackedFabric& fabric)
             for (int side = 0; side < 2; ++side) {
                 const std::size_t i = texel_index(fabric, x, y);
                 const Texel texel = unpack_texel(fabric.side[side].texels[i]);
-                for (const float value : {fabric.side[side].heights_m[i], texel.slope.x, texel.slope.y, texel.azimuth,
+                const float height = texel.gap ? 0.0f : height_m(fabric.side[side], i);
+                for (const float value : {height, texel.slope.x, texel.slope.y, texel.azimuth,
                                           static_cast<float>(texel.yarn), texel.gap ? 1.0f : 0.0f, texel.irradiance})
                     *out++ = value;
                 knots_at(fabric, side, x, y, out);

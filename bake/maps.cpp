@@ -126,7 +126,7 @@ struct Band {
     int columns = 0, first_row = 0, rows = 0;
     std::vector<float> z[2];               // front: highest; back: lowest, negated
     std::vector<std::uint32_t> segment[2]; // no_segment in gaps
-    std::vector<glm::vec2> way[2];         // of the ply's centre line there, in the plane; not unit
+    std::vector<glm::vec2> doubled[2];     // unit vector at twice the azimuth of the ply's centre line: t and -t agree
 
     void reset(int width, int first, int count)
     {
@@ -135,7 +135,7 @@ struct Band {
         for (int side = 0; side < 2; ++side) {
             z[side].assign(size, std::numeric_limits<float>::lowest());
             segment[side].assign(size, no_segment);
-            way[side].resize(size);
+            doubled[side].resize(size);
         }
     }
     std::size_t at(int column, int row) const
@@ -145,32 +145,62 @@ struct Band {
     }
 };
 
-// Heights at which a ray along z, at (qx, qy) from a point of the axis, meets the cylinder about it:
-// |p - (p.d) d|^2 = r^2 for p = (qx, qy, z) is a z^2 - 2 h z + c = 0.
-struct CylinderHit {
-    float h, root, a; // z = (h +- root) / a
-    bool hit;
-};
-CylinderHit hit_cylinder(float qx, float qy, glm::vec3 d, float radius)
-{
-    const float along = qx * d.x + qy * d.y;
-    const float a = 1 - d.z * d.z, h = along * d.z;
-    const float discriminant = h * h - a * (qx * qx + qy * qy - along * along - radius * radius);
-    return {h, std::sqrt(std::max(discriminant, 0.0f)), a, discriminant >= 0};
-}
-
-// Rays along z against the tube between points i and i + 1. The straight cylinder about the chord tells where along the
+// What rays along z meet of the tube between two points: the straight cylinder about the chord tells where along the
 // tube the ray meets it; there the cylinder about the smooth centre line (Hermite through the points, along the mitre
 // normals) replaces it. Else the chords would show as facets.
+struct TubePiece {
+    glm::vec3 chord, d, m0, m1; // from point i to i + 1, unit along it, mitre normals
+    float length, radius, overlap, inverse_a;
+};
+
+// Rays at qx, qy from point i, many at once and without a branch, so that the compiler makes vectors of the loop.
+//   sign     1: the upper surface, -1: the lower one
+//   height   sign * z from point i; -infinity where the ray meets nothing
+//   doubled  as Band has it
+void meet(const TubePiece& piece, const float* __restrict qx, const float* __restrict qy, int count, float sign,
+          float* __restrict height, float* __restrict doubled_x, float* __restrict doubled_y)
+{
+    const auto [chord, d, m0, m1, length, radius, overlap, inverse_a] =
+        piece; // copies, which the loop's stores leave alone
+    const float a = 1 / inverse_a;
+    for (int k = 0; k < count; ++k) {
+        // |p - (p.d) d|^2 = r^2 for p = (x, y, z) is a z^2 - 2 h z + c = 0.
+        const float x = qx[k], y = qy[k], along = x * d.x + y * d.y, h = along * d.z;
+        const float inside = h * h - a * (x * x + y * y - along * along - radius * radius);
+        const float z = (h + sign * std::sqrt(std::max(inside, 0.0f))) * inverse_a;
+        // Between the planes: not before the first, before the second; with a little overlap, for where radii change
+        // the cylinders do not quite meet.
+        const float past = x * m0.x + y * m0.y + z * m0.z;
+        const float left = (chord.x - x) * m1.x + (chord.y - y) * m1.y + (chord.z - z) * m1.z;
+        const float whole = past + left, ratio = past / std::max(whole, 1e-20f);
+        const float t = std::min(std::max(ratio, 0.0f), 1.0f), u = 1 - t;
+        const float wx = u * m0.x + t * m1.x, wy = u * m0.y + t * m1.y, wz = u * m0.z + t * m1.z;
+        const float wxy = wx * wx + wy * wy, scale = 1 / std::sqrt(wxy + wz * wz);
+        const float vx = wx * scale, vy = wy * scale, vz = wz * scale;
+        const float bow = t * t * (3 - 2 * t), bend = length * t * u;
+        const float sx = x - bow * chord.x - bend * (u * m0.x - t * m1.x),
+                    sy = y - bow * chord.y - bend * (u * m0.y - t * m1.y),
+                    sz = bow * chord.z + bend * (u * m0.z - t * m1.z);
+        const float a2 = 1 - vz * vz, along2 = sx * vx + sy * vy, h2 = along2 * vz;
+        const float inside2 = h2 * h2 - a2 * (sx * sx + sy * sy - along2 * along2 - radius * radius);
+        const float smooth = sz + (h2 + sign * std::sqrt(std::max(inside2, 0.0f))) / a2;
+        // Where a ply bends within its own radius the two have nothing to do with each other.
+        const bool trusted = (inside2 >= 0) & (std::abs(smooth - z) < trusted_correction * radius);
+        const bool hit = (inside >= 0) & (past >= -overlap) & (left >= -overlap);
+        height[k] = hit ? sign * (trusted ? smooth : z) : -std::numeric_limits<float>::infinity();
+        const float over = 1 / std::max(wxy, 1e-30f);
+        doubled_x[k] = (wx * wx - wy * wy) * over;
+        doubled_y[k] = 2 * wx * wy * over;
+    }
+}
+
+// Rays along z against the tube between points i and i + 1.
 void rasterise(const Segments& segments, std::size_t i, float shift_m, glm::vec2 step_m, Band& band)
 {
     Bounds b = bounds_of(segments, i);
     b.low.y += shift_m, b.high.y += shift_m;
     const int row0 = std::max(band.first_row, static_cast<int>(std::ceil(b.low.y / step_m.y - 0.5f)));
     const int row1 = std::min(band.first_row + band.rows - 1, static_cast<int>(std::floor(b.high.y / step_m.y - 0.5f)));
-    const int column0 = static_cast<int>(std::ceil(b.low.x / step_m.x - 0.5f));
-    const int column1 = static_cast<int>(std::floor(b.high.x / step_m.x - 0.5f));
-
     const glm::vec3 from(segments.point[i]), chord = glm::vec3(segments.point[i + 1]) - from;
     const float length = glm::length(chord);
     const glm::vec3 d = chord / length;
@@ -179,77 +209,106 @@ void rasterise(const Segments& segments, std::size_t i, float shift_m, glm::vec2
     const glm::vec3 m0 = segments.mitre[i], m1 = segments.mitre[i + 1];
     // Upright: seen as nothing but its neighbours' ends. Folded back on itself: inside the bend of its neighbours.
     if (1 - d.z * d.z < 1e-6f || glm::dot(m0, d) < 0.1f || glm::dot(m1, d) < 0.1f) return;
-    for (int row = row0; row <= row1; ++row) {
-        const float qy = (static_cast<float>(row) + 0.5f) * step_m.y - shift_m - from.y;
-        for (int column = column0; column <= column1; ++column) {
-            const float qx = (static_cast<float>(column) + 0.5f) * step_m.x - from.x;
-            const CylinderHit straight = hit_cylinder(qx, qy, d, radius);
-            if (!straight.hit) continue;
-            const std::size_t cell = band.at(wrapped(column, band.columns), row);
-            for (int side = 0; side < 2; ++side) {
-                float z = (side == 0 ? straight.h + straight.root : straight.h - straight.root) / straight.a;
-                // Between the planes: not before the first, before the second; with a little overlap, for where radii
-                // change the cylinders do not quite meet.
-                const float past = qx * m0.x + qy * m0.y + z * m0.z;
-                const float left = (chord.x - qx) * m1.x + (chord.y - qy) * m1.y + (chord.z - z) * m1.z;
-                if (past < -overlap || left < -overlap) continue;
-                const float t = std::clamp(past / std::max(past + left, 1e-20f), 0.0f, 1.0f), u = 1 - t;
-                const glm::vec3 way = glm::normalize(u * m0 + t * m1);
-                const glm::vec3 centre = t * t * (3 - 2 * t) * chord + length * t * u * (u * m0 - t * m1);
-                const CylinderHit smooth = hit_cylinder(qx - centre.x, qy - centre.y, way, radius);
-                const float smooth_z =
-                    centre.z + (side == 0 ? smooth.h + smooth.root : smooth.h - smooth.root) / smooth.a;
-                // Where a ply bends within its own radius the two have nothing to do with each other.
-                if (smooth.hit && std::abs(smooth_z - z) < trusted_correction * radius) z = smooth_z;
-                const float height = (side == 0 ? 1.0f : -1.0f) * aspect * (z + from.z);
-                if (height > band.z[side][cell]) {
-                    band.z[side][cell] = height;
-                    band.segment[side][cell] = static_cast<std::uint32_t>(i);
-                    band.way[side][cell] = glm::vec2(way);
+    const TubePiece piece{chord, d, m0, m1, length, radius, overlap, 1 / (1 - d.z * d.z)};
+
+    constexpr int rays = 64;
+    float qx[rays], qy[rays], height[rays], doubled_x[rays], doubled_y[rays];
+    std::uint32_t cell[rays];
+    int count = 0;
+    const float a = 1 - d.z * d.z, across = std::sqrt(a), slack = overlap + 1e-4f * radius;
+    for (int side = 0; side < 2; ++side) {
+        const float sign = side == 0 ? 1.0f : -1.0f, base = sign * from.z;
+        const auto flush = [&] {
+            meet(piece, qx, qy, count, sign, height, doubled_x, doubled_y);
+            for (int k = 0; k < count; ++k) {
+                const float z = aspect * (height[k] + base);
+                if (!(z > band.z[side][cell[k]])) continue;
+                band.z[side][cell[k]] = z;
+                band.segment[side][cell[k]] = static_cast<std::uint32_t>(i);
+                band.doubled[side][cell[k]] = {doubled_x[k], doubled_y[k]};
+            }
+            count = 0;
+        };
+        // z = h / a + sign * root / a with h linear in x and y and root / a from 0 to radius / across: what `meet` asks
+        // of a hit, c x >= low, at the root that asks least.
+        const glm::vec2 rise = glm::vec2(d) * (d.z / a);
+        const glm::vec2 c0 = glm::vec2(m0) + m0.z * rise, c1 = glm::vec2(m1) + m1.z * rise;
+        const float low0 = -slack - std::max(sign * m0.z, 0.0f) * radius / across,
+                    low1 = -slack - std::max(-sign * m1.z, 0.0f) * radius / across - glm::dot(chord, m1);
+        for (int row = row0; row <= row1; ++row) {
+            const float y = (static_cast<float>(row) + 0.5f) * step_m.y - shift_m - from.y;
+            float least = b.low.x - from.x, most = b.high.x - from.x;
+            const auto bound = [&](float c, float low) {
+                if (c > 1e-6f) least = std::max(least, low / c);
+                if (c < -1e-6f) most = std::min(most, low / c);
+                if (std::abs(c) <= 1e-6f && low > slack) most = least - step_m.x;
+            };
+            bound(c0.x, low0 - y * c0.y);
+            bound(-c1.x, low1 + y * c1.y);
+            bound(d.y, y * d.x - radius * across - slack);
+            bound(-d.y, -y * d.x - radius * across - slack);
+            const int column0 = static_cast<int>(std::ceil((least + from.x) / step_m.x - 0.5f));
+            const int column1 = static_cast<int>(std::floor((most + from.x) / step_m.x - 0.5f));
+            const auto row_cell = static_cast<std::uint32_t>(band.at(0, row));
+            const auto columns = static_cast<std::uint32_t>(band.columns);
+            auto wrapped_column = static_cast<std::uint32_t>(wrapped(column0, band.columns));
+            for (int column = column0; column <= column1;) {
+                const int run = std::min(column1 - column + 1, rays - count);
+                for (int k = 0; k < run; ++k) {
+                    qx[count + k] = (static_cast<float>(column + k) + 0.5f) * step_m.x - from.x;
+                    qy[count + k] = y;
                 }
+                for (int k = 0; k < run; ++k) {
+                    cell[count + k] = row_cell + wrapped_column;
+                    wrapped_column = wrapped_column + 1 == columns ? 0 : wrapped_column + 1;
+                }
+                column += run;
+                count += run;
+                if (count == rays) flush();
             }
         }
+        flush();
     }
 }
 
 // One texel out of samples x samples rays.
 void filter_texel(const Segments& segments, const Band& band, int x, int y, int samples, FabricMaps& maps)
 {
+    constexpr int most_kinds = 16; // samples of a texel: at most 4 x 4
     const std::size_t texel =
         static_cast<std::size_t>(y) * static_cast<std::size_t>(maps.size.x) + static_cast<std::size_t>(x);
     const int x0 = x * samples, y0 = y * samples, total = samples * samples;
     bool gap = false;
     for (int side = 0; side < 2; ++side) {
-        const auto& segment = band.segment[side];
         float sum = 0;
-        // The yarn that most samples see; the direction mean of its segments: angles doubled, so that t and -t agree.
-        std::array<std::uint8_t, 16> yarn{};
-        std::array<int, 16> votes{};
-        std::array<glm::vec2, 16> doubled{};
+        // The yarn that most samples see; the mean of its segments' directions.
+        std::uint8_t yarn[most_kinds];
+        int votes[most_kinds];
+        glm::vec2 doubled[most_kinds];
         int kinds = 0, covered = 0;
         for (int row = y0; row < y0 + samples; ++row)
             for (int column = x0; column < x0 + samples; ++column) {
                 const std::size_t cell = band.at(column, row);
-                const std::uint32_t s = segment[cell];
+                const std::uint32_t s = band.segment[side][cell];
                 if (s == no_segment) continue;
                 ++covered;
                 sum += band.z[side][cell];
                 int kind = 0;
-                while (kind < kinds && yarn[static_cast<std::size_t>(kind)] != segments.yarn[s]) ++kind;
+                while (kind < kinds && yarn[kind] != segments.yarn[s]) ++kind;
                 if (kind == kinds) {
-                    yarn[static_cast<std::size_t>(kind)] = segments.yarn[s];
+                    yarn[kind] = segments.yarn[s];
+                    votes[kind] = 0;
+                    doubled[kind] = glm::vec2(0);
                     ++kinds;
                 }
-                const glm::vec2 way = band.way[side][cell];
-                const float length2 = std::max(glm::dot(way, way), 1e-30f);
-                doubled[static_cast<std::size_t>(kind)] +=
-                    glm::vec2(way.x * way.x - way.y * way.y, 2 * way.x * way.y) / length2;
-                ++votes[static_cast<std::size_t>(kind)];
+                doubled[kind] += band.doubled[side][cell];
+                ++votes[kind];
             }
         if (side == 0) gap = 2 * covered <= total;
         maps.gap[texel] = gap ? 1 : 0;
         maps.side[side].height_m[texel] = gap ? 0.0f : sum / static_cast<float>(total);
-        const auto best = static_cast<std::size_t>(std::max_element(votes.begin(), votes.end()) - votes.begin());
+        if (kinds == 0) continue; // fill_gaps says whose it is
+        const auto best = std::max_element(votes, votes + kinds) - votes;
         float azimuth = 0.5f * std::atan2(doubled[best].y, doubled[best].x);
         azimuth = azimuth < 0 ? azimuth + pi : azimuth;
         maps.side[side].azimuth[texel] = azimuth >= pi ? 0 : azimuth;
@@ -447,10 +506,10 @@ FabricMaps project_plies(const PlyModel& model, glm::ivec2 size, int samples)
             for (int x = 0; x < size.x; ++x) filter_texel(segments, band, x, y, samples, maps);
     });
     fill_gaps(maps);
-    for (SideMaps& side : maps.side) {
-        limit_slopes(maps, side, model.wall_share, slope_limit * model.gap_steepness);
-        difference_slopes(maps, side);
-    }
+    tbb::parallel_for(0, 2, [&](int s) {
+        limit_slopes(maps, maps.side[s], model.wall_share, slope_limit * model.gap_steepness);
+        difference_slopes(maps, maps.side[s]);
+    });
     return maps;
 }
 

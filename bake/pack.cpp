@@ -33,11 +33,67 @@ glm::uint unorm8(float value)
 std::size_t PackedFabric::resident_bytes() const
 {
     std::size_t bytes = 0;
-    for (const PackedSide& s : side)
-        bytes += s.texels.size() * sizeof(glm::uvec2) + s.horizons.size() * sizeof(glm::uvec2) +
-                 s.slope_mips.size() * sizeof(glm::uint) + s.heights.size() * sizeof(std::uint16_t) +
-                 s.asg.size() * sizeof(glm::vec4);
+    for (int s = 0; s < 2; ++s)
+        bytes += side[s].texels.size() * sizeof(glm::uvec2) + side[s].heights.size() * sizeof(std::uint16_t) +
+                 visibility_words(*this, s).size() * sizeof(glm::uvec2) + side[s].asg.size() * sizeof(glm::vec4);
     return bytes;
+}
+
+double PackedFabric::visibility_bytes_per_texel() const
+{
+    const std::size_t bytes =
+        visibility == VisibilityKind::exact
+            ? side[0].heights.size() * sizeof(std::uint16_t)
+            : visibility_words(*this, 0).size() * sizeof(glm::uvec2) + side[0].asg.size() * sizeof(glm::vec4);
+    return static_cast<double>(bytes) / static_cast<double>(side[0].texels.size());
+}
+
+const std::vector<glm::uvec2>& visibility_words(const PackedFabric& fabric, int side)
+{
+    return fabric.visibility == VisibilityKind::horizon8 ? fabric.side[side].horizons : fabric.side[side].words;
+}
+
+int visibility_lookup(VisibilityKind kind)
+{
+    switch (kind) {
+    case VisibilityKind::horizon8:
+        return cloth::f32::cloth_visibility_horizon8;
+    case VisibilityKind::horizon16:
+        return cloth::f32::cloth_visibility_horizon16;
+    case VisibilityKind::cap:
+        return cloth::f32::cloth_visibility_cap;
+    case VisibilityKind::exact:
+        return cloth::f32::cloth_visibility_exact;
+    case VisibilityKind::asg:
+    case VisibilityKind::asg_lsq:
+        break;
+    }
+    return cloth::f32::cloth_visibility_asg;
+}
+
+float height_m(const PackedSide& side, std::size_t i)
+{
+    const glm::vec2 range = side.height_range_m;
+    return range.x + (range.y - range.x) * (static_cast<float>(side.heights[i]) / cloth::f32::cloth_height_top);
+}
+
+std::vector<float> heights_m(const PackedFabric& fabric, int side)
+{
+    const std::size_t texels = static_cast<std::size_t>(fabric.size.x) * static_cast<std::size_t>(fabric.size.y);
+    std::vector<float> out(texels);
+    for (std::size_t i = 0; i < texels; ++i) out[i] = height_m(fabric.side[side], i);
+    return out;
+}
+
+void pack_heights(const std::vector<float>& heights, PackedSide& side)
+{
+    const auto [lowest, highest] = std::minmax_element(heights.begin(), heights.end());
+    const float low = *lowest, range = std::max(*highest - low, 1e-9f);
+    side.height_range_m = {low, low + range};
+    side.heights.resize(heights.size());
+    for (std::size_t i = 0; i < heights.size(); ++i)
+        side.heights[i] = static_cast<std::uint16_t>(
+            std::clamp((heights[i] - low) / range, 0.0f, 1.0f) * cloth::f32::cloth_height_top + 0.5f);
 }
 
 cloth::f32::ClothMaps maps_of(const PackedFabric& fabric)
@@ -46,7 +102,7 @@ cloth::f32::ClothMaps maps_of(const PackedFabric& fabric)
     maps.size = fabric.size;
     for (int side = 0; side < 2; ++side) {
         maps.texels[side] = fabric.side[side].texels.data();
-        maps.horizons[side] = fabric.side[side].horizons.data();
+        maps.horizons[side] = visibility_words(fabric, side).data();
         maps.mips[side] = fabric.side[side].slope_mips.data();
         maps.heights[side] = fabric.side[side].heights.data();
         maps.asg[side] = fabric.side[side].asg.data();
@@ -100,6 +156,18 @@ glm::uvec2 pack_knots(const float knots[8])
 void unpack_knots(glm::uvec2 words, float knots[8])
 {
     for (int k = 0; k < 8; ++k) knots[k] = static_cast<float>(words[k / 4] >> (8 * (k % 4)) & 255u) / 255.0f;
+}
+
+glm::uvec2 pack_cap(glm::vec4 mean_gamma, glm::vec2 axes)
+{
+    const auto axis = [](float a) {
+        return static_cast<glm::uint>(
+            std::lround(std::clamp(a / cloth::f32::cloth_cap_axis_max, 0.0f, 1.0f) * 2047.0f));
+    };
+    const float turns = mean_gamma.w / pi;
+    const auto gamma = static_cast<glm::uint>(std::lround((turns - std::floor(turns)) * 1024.0f)) & 1023u;
+    const glm::vec2 mean = slope_limit * glm::vec2(mean_gamma); // snorm16 is that of slopes
+    return {snorm16(mean.x) | snorm16(mean.y) << 16, gamma | axis(axes.x) << 10 | axis(axes.y) << 21};
 }
 
 int slope_level_count(glm::ivec2 size)

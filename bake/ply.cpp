@@ -322,7 +322,7 @@ std::vector<YarnPath> weave_yarns(const Fabric& fabric, const WovenPlan& plan)
 
         // Fine enough for the cosine between two crossings and for the helix, and never finer than texels can show.
         const float finest = smallest(warp ? plan.pick_spacing_m : plan.end_spacing_m);
-        float step_m = finest / 16;
+        float step_m = finest / 8;
         if (steps != 0)
             step_m = std::min(step_m, length * static_cast<float>(plies) / static_cast<float>(std::abs(steps)) / 32);
         const int count = static_cast<int>(std::ceil(length / std::max(step_m, 0.75f * texel_m)));

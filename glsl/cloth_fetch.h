@@ -1,6 +1,8 @@
 // The one door through which shared code reads memory: arrays in C++, buffers and textures in GLSL. Imports cloth_types.h.
 //   cloth_fetch_texel      side 0 front, 1 back; xy in [0, size)
 //   cloth_fetch_horizon    xy in [0, size / 2)
+//   cloth_fetch_visibility  word of the horizons, or of what takes their place: two a half-resolution texel for 16 knots, one a
+//                          texel for caps
 //   cloth_fetch_height     xy in [0, size); 16 bits, 0 at height_low, 65535 at height_high
 //   cloth_fetch_asg        two records of four numbers a texel: (mu.xyz, gamma), (sigma_x, sigma_y, amplitude, 0)
 //   cloth_fetch_slope_mip  index into the concatenated mip levels 1, 2, ...
@@ -39,6 +41,10 @@ inline uvec2 cloth_fetch_texel(const ClothMaps& maps, int side, ivec2 xy)
 inline uvec2 cloth_fetch_horizon(const ClothMaps& maps, int side, ivec2 xy)
 {
     return maps.horizons[side][xy.y * (maps.size.x / 2) + xy.x];
+}
+inline uvec2 cloth_fetch_visibility(const ClothMaps& maps, int side, int index)
+{
+    return maps.horizons[side][index];
 }
 inline uint cloth_fetch_slope_mip(const ClothMaps& maps, int side, int index)
 {
@@ -107,6 +113,10 @@ uvec2 cloth_fetch_texel(ClothMaps maps, int side, ivec2 xy)
 uvec2 cloth_fetch_horizon(ClothMaps maps, int side, ivec2 xy)
 {
     return texelFetch(map_words, (side == 0 ? maps.horizons.x : maps.horizons.y) + xy.y * (maps.size.x / 2) + xy.x).xy;
+}
+uvec2 cloth_fetch_visibility(ClothMaps maps, int side, int index)
+{
+    return texelFetch(map_words, (side == 0 ? maps.horizons.x : maps.horizons.y) + index).xy;
 }
 uint cloth_fetch_slope_mip(ClothMaps maps, int side, int index)
 {

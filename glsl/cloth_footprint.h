@@ -11,6 +11,9 @@ CLOTH_CONST int cloth_weight_tile     = 3;  // A_p / A_G with A_G = o.z: right f
 CLOTH_CONST int cloth_visibility_none     = 0;
 CLOTH_CONST int cloth_visibility_horizon8 = 1;
 CLOTH_CONST int cloth_visibility_asg      = 2;
+CLOTH_CONST int cloth_visibility_horizon16 = 3;
+CLOTH_CONST int cloth_visibility_cap       = 4;
+CLOTH_CONST int cloth_visibility_exact     = 5;
 
 struct ClothSettings {
     int bsdf;
@@ -66,6 +69,10 @@ CLOTH_FN real cloth_visibility_at(CLOTH_IN(ClothMaps) maps, int side, ivec2 xy, 
     if (!cloth_uses_visibility(settings)) return d.z > real(0) ? real(1) : real(0);
     if (settings.visibility == cloth_visibility_asg)
         return cloth_asg_visibility(cloth_fetch_asg(maps, side, xy, 0), cloth_fetch_asg(maps, side, xy, 1), d);
+    if (settings.visibility == cloth_visibility_horizon16) return cloth_horizon16_visibility(maps, side, xy, d);
+    if (settings.visibility == cloth_visibility_cap)
+        return cloth_cap_visibility(cloth_fetch_visibility(maps, side, xy.y * maps.size.x + xy.x), d);
+    if (settings.visibility == cloth_visibility_exact) return cloth_exact_visibility(maps, side, xy, d);
     return cloth_horizon_visibility(cloth_horizon(maps, side, xy), d);
 }
 

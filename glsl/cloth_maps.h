@@ -1,7 +1,8 @@
 // Packed maps of a fabric's repeat -> the point that the BSDF and the visibility see. The words are those of bake/pack.hpp.
 // Shared; imports cloth_bsdf.h, cloth_visibility.h, cloth_fetch.h. side: 0 front, 1 back.
 
-CLOTH_CONST real cloth_slope_max = real(4);   // slopes are stored in [-4, 4] [math.md 10, hazard 2]
+CLOTH_CONST real cloth_slope_max  = real(4);   // slopes are stored in [-4, 4] [math.md 10, hazard 2]
+CLOTH_CONST real cloth_height_top = real(65535);
 
 // A texel of both sides, decoded.
 struct ClothTexel {
@@ -78,6 +79,63 @@ CLOTH_FN ClothHorizon cloth_horizon(CLOTH_IN(ClothMaps) maps, int side, ivec2 xy
                         cloth_fetch_horizon(maps, side, ivec2(x0, y1)), cloth_fetch_horizon(maps, side, ivec2(x1, y1)), h - base);
 }
 
+// V from 16 knots: as cloth_horizon_visibility, with knots at multiples of 22.5 degrees, which lie half way between its own.
+CLOTH_FN real cloth_horizon16_visibility(CLOTH_IN(ClothMaps) maps, int side, ivec2 xy, real3 d)
+{
+    if (d.z <= real(0)) return real(0);
+    real g     = real(2) * cloth_horizon_azimuth(real2(d.x, d.y));
+    real k     = floor(g);
+    uint k0    = uint(k) & 15u;
+    uint k1    = (k0 + 1u) & 15u;
+    ivec2 size = ivec2(maps.size.x / 2, maps.size.y / 2);
+    ivec2 low  = ivec2((xy.x + maps.size.x - 1) / 2 % size.x, (xy.y + maps.size.y - 1) / 2 % size.y);
+    real s = real(0);
+    for (int corner = 0; corner < 4; ++corner) {
+        // An even texel lies 3/4 of the way from the corner before it, an odd one 1/4.
+        bool right = (corner & 1) != 0, above = corner > 1;
+        int index  = 2 * ((low.y + (above ? 1 : 0)) % size.y * size.x + (low.x + (right ? 1 : 0)) % size.x);
+        real s0    = cloth_horizon_knot(cloth_fetch_visibility(maps, side, index + int(k0 >> 3u)), k0 & 7u);
+        real s1    = cloth_horizon_knot(cloth_fetch_visibility(maps, side, index + int(k1 >> 3u)), k1 & 7u);
+        s += mix(s0, s1, g - k) * (right == ((xy.x & 1) == 0) ? real(0.75) : real(0.25)) * (above == ((xy.y & 1) == 0) ? real(0.75) : real(0.25));
+    }
+    return cloth_horizon_step(s / real(255), d.z);
+}
+
+// V from the heights themselves: the ray from the middle of a texel meets the relief or not. Every line of texels that it
+// crosses, heights interpolated along the line, until it is above all of them or has gone as far as cloth_exact_reach. The
+// slow truth that the other kinds stand for.
+CLOTH_CONST real cloth_exact_reach = real(16);      // height ranges, and at least the tile: beyond, horizons are below 3.6 degrees
+CLOTH_CONST real cloth_exact_steps = real(16384);   // and never more
+CLOTH_FN real cloth_exact_visibility(CLOTH_IN(ClothMaps) maps, int side, ivec2 xy, real3 d)
+{
+    if (d.z <= real(0)) return real(0);
+    real range  = side == 0 ? maps.height_high.x - maps.height_low.x : maps.height_high.y - maps.height_low.y;
+    real2 way   = real2(d.x * real(maps.size.x) / maps.tile_m.x, d.y * real(maps.size.y) / maps.tile_m.y);   // texels a metre
+    bool along  = abs(way.x) >= abs(way.y);
+    real major  = along ? way.x : way.y;
+    if (abs(major) <= real(1e-6) * real(max(maps.size.x, maps.size.y)) * d.z / max(range, real(1e-9))) return real(1);   // straight up
+    real minor  = (along ? way.y : way.x) / abs(major);
+    real rise   = max(d.z / abs(major) / range * cloth_height_top, real(1e-6));   // units of the map a step
+    real from   = real(cloth_fetch_height(maps, side, xy));
+    real reach  = max(max(maps.tile_m.x, maps.tile_m.y), cloth_exact_reach * range) * abs(major) / sqrt(max(d.x * d.x + d.y * d.y, real(1e-12)));
+    int last    = int(ceil(min((cloth_height_top - from) / rise, min(reach, cloth_exact_steps))));
+    int count   = along ? maps.size.x : maps.size.y, across = along ? maps.size.y : maps.size.x;
+    int way_on  = major < real(0) ? count - 1 : 1;
+    int at      = along ? xy.x : xy.y;
+    for (int k = 1; k <= last; ++k) {
+        at = (at + way_on) % count;
+        real row  = real(along ? xy.y : xy.x) + real(k) * minor;
+        real base = floor(row);
+        int low   = int(base - real(across) * floor(base / real(across)));   // GLSL has no remainder of negative numbers
+        low       = low >= across ? 0 : low;
+        int high  = low + 1 == across ? 0 : low + 1;
+        real a    = real(cloth_fetch_height(maps, side, along ? ivec2(at, low) : ivec2(low, at)));
+        real b    = real(cloth_fetch_height(maps, side, along ? ivec2(at, high) : ivec2(high, at)));
+        if (mix(a, b, row - base) > from + real(k) * rise) return real(0);
+    }
+    return real(1);
+}
+
 // A place in the repeat as 32-bit fractions of its sides, which wrap by themselves, from any finite position in tiles.
 CLOTH_FN uvec2 cloth_place(real2 tile)
 {
@@ -86,7 +144,6 @@ CLOTH_FN uvec2 cloth_place(real2 tile)
 }
 
 // Height at a place, in units of the map: 0 lowest, cloth_height_top highest; flat within a texel.
-CLOTH_CONST real cloth_height_top = real(65535);
 CLOTH_FN real cloth_height_at(CLOTH_IN(ClothMaps) maps, int side, uvec2 place)
 {
     return real(cloth_fetch_height(maps, side, ivec2(((place >> 16u) * uvec2(maps.size)) >> 16u)));

@@ -1,5 +1,5 @@
-// Visibility V(d) of a texel: horizon knots [math.md 8.5], our choice, and the paper's anisotropic spherical Gaussian
-// [8.2, 8.3]. Shared; imports cloth_bsdf.h.
+// Visibility V(d) of a texel: horizon knots [math.md 8.5], our choice, an elliptic cap [8.5], and the paper's anisotropic
+// spherical Gaussian [8.2, 8.3]. Shared; imports cloth_bsdf.h.
 
 // Half width of the soft step of V, in sin(elevation) [8.5].
 CLOTH_CONST real cloth_horizon_soft = real(0.06);
@@ -68,4 +68,24 @@ CLOTH_FN real cloth_asg_visibility(real4 axis, real4 shape, real3 d)
     real3 x      = f.x * cos(axis.w) + f.y * sin(axis.w);
     real dx = dot(x, d), dy = dot(cross(mu, x), d);
     return min(shape.z * along * exp(-shape.x * dx * dx - shape.y * dy * dy), real(1));
+}
+
+// Half width of the soft rim of a cap, in radii [8.4]; largest axis that its word holds: pi a_1 a_2 is at most 2 pi.
+CLOTH_CONST real cloth_cap_soft     = real(0.05);
+CLOTH_CONST real cloth_cap_axis_max = real(4);
+
+// V of an elliptic cap: an ellipse on the equal-area disc about its mean direction [8.5]. The word is that of bake's pack_cap.
+CLOTH_FN real cloth_cap_visibility(uvec2 word, real3 d)
+{
+    if (d.z <= real(0)) return real(0);
+    int mx = int(word.x << 16u) >> 16, my = int(word.x) >> 16;
+    real3 mu     = real3(real(mx), real(my), sqrt(real(max(32767 * 32767 - mx * mx - my * my, 0)))) / real(32767);   // exact below the root
+    real gamma   = real(word.y & 1023u) * (cloth_pi / real(1024));
+    real a_x     = max(real((word.y >> 10u) & 2047u), real(0.5)) * (cloth_cap_axis_max / real(2047));
+    real a_y     = max(real(word.y >> 21u), real(0.5)) * (cloth_cap_axis_max / real(2047));
+    ClothFrame f = cloth_frame(mu);
+    real3 x      = f.x * cos(gamma) + f.y * sin(gamma);
+    real scale   = sqrt(real(2) / max(real(1) + dot(mu, d), real(1e-6)));
+    real u = dot(x, d) * scale / a_x, v = dot(cross(mu, x), d) * scale / a_y;
+    return clamp((real(1) + cloth_cap_soft - sqrt(u * u + v * v)) / (real(2) * cloth_cap_soft), real(0), real(1));
 }

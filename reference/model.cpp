@@ -1,7 +1,6 @@
 // reference/model.cpp: names of the model's ingredients, in one table each.
 #include "reference/model.hpp"
 
-#include <algorithm>
 #include <functional>
 #include <stdexcept>
 
@@ -29,17 +28,15 @@ constexpr Word slab_words[] = {{"ply", f32::cloth_slab_ply}, {"macro", f32::clot
 
 struct VisibilityWord {
     const char* name;
-    int lookup;
     VisibilityKind kind;
+    bool used; // false: nothing is shadowed
 };
-constexpr VisibilityWord visibility_words[] = {
-    {"horizon8", f32::cloth_visibility_horizon8, VisibilityKind::horizon8},
-    {"asg", f32::cloth_visibility_asg, VisibilityKind::asg},
-    {"asg-lsq", f32::cloth_visibility_asg, VisibilityKind::asg_lsq},
-    {"none", f32::cloth_visibility_none, VisibilityKind::horizon8},
+constexpr VisibilityWord visibility_rows[] = {
+    {"horizon8", VisibilityKind::horizon8, true}, {"horizon16", VisibilityKind::horizon16, true},
+    {"cap", VisibilityKind::cap, true},           {"asg", VisibilityKind::asg, true},
+    {"asg-lsq", VisibilityKind::asg_lsq, true},   {"exact", VisibilityKind::exact, true},
+    {"none", VisibilityKind::horizon8, false},
 };
-// Words of the contract that this version cannot do: refused, never taken for something else.
-constexpr const char* later_words[] = {"horizon16", "cap", "exact"};
 
 template <class Words>
 const auto& look_up(const Words& words, const std::string& word, const std::function<void(const std::string&)>& fail)
@@ -49,10 +46,7 @@ const auto& look_up(const Words& words, const std::string& word, const std::func
         if (word == row.name) return row;
         known += (known.empty() ? "" : ", ") + std::string(row.name);
     }
-    const bool later = std::find(std::begin(later_words), std::end(later_words), word) != std::end(later_words);
-    fail(format_text(later ? "'%s' is not available in this version, expected one of %s"
-                           : "found '%s', expected one of %s",
-                     word.c_str(), known.c_str()));
+    fail(format_text("found '%s', expected one of %s", word.c_str(), known.c_str()));
     throw std::logic_error("fail() returned");
 }
 
@@ -101,10 +95,10 @@ ModelSpec parse_model(const JsonValue& value)
     read_word(value, "weight", weight_words, settings.weight);
     read_word(value, "slab", slab_words, settings.slab);
     if (value.has("visibility")) {
-        const VisibilityWord& row = look_up(visibility_words, value["visibility"].text(), [&](const std::string& text) {
+        const VisibilityWord& row = look_up(visibility_rows, value["visibility"].text(), [&](const std::string& text) {
             value["visibility"].fail("%s", text.c_str());
         });
-        settings.visibility = row.lookup;
+        settings.visibility = row.used ? visibility_lookup(row.kind) : f32::cloth_visibility_none;
         model.visibility = row.kind;
     }
     settings.unscattered = value.boolean("unscattered", settings.unscattered);
@@ -116,11 +110,10 @@ ModelSpec parse_model(const JsonValue& value)
 nlohmann::json model_json(const ModelSpec& model)
 {
     const f32::ClothSettings& settings = model.settings;
-    std::string visibility = "none";
-    for (const VisibilityWord& row : visibility_words)
-        if (row.lookup == settings.visibility &&
-            (row.kind == model.visibility || settings.visibility == f32::cloth_visibility_none))
-            visibility = row.name;
+    const bool used = settings.visibility != f32::cloth_visibility_none;
+    std::string visibility;
+    for (const VisibilityWord& row : visibility_rows)
+        if (row.used == used && (row.kind == model.visibility || !used)) visibility = row.name;
     return {{"bsdf", name_of(bsdf_words, settings.bsdf)},
             {"weight", name_of(weight_words, settings.weight)},
             {"visibility", visibility},
@@ -141,7 +134,7 @@ void ModelOptions::prepend_to(Overrides& overrides) const
     if (!bsdf.empty()) said.push_back("model.bsdf=" + std::string(look_up(bsdf_words, bsdf, refuse("--bsdf")).name));
     if (!visibility.empty())
         said.push_back("model.visibility=" +
-                       std::string(look_up(visibility_words, visibility, refuse("--visibility")).name));
+                       std::string(look_up(visibility_rows, visibility, refuse("--visibility")).name));
     overrides.insert(overrides.begin(), said.begin(), said.end());
 }
 

@@ -38,7 +38,7 @@ struct ModelOptions {
         app.add_option("--mode", mode,
                        "ours (default), paper, jin: all ingredients of the model; single ones by -D model.KEY=value");
         app.add_option("--bsdf", bsdf, "meso (default), micro (the ply-level baseline without shadowing and masking)");
-        app.add_option("--visibility", visibility, "horizon8 (default), asg, asg-lsq, none");
+        app.add_option("--visibility", visibility, "horizon8 (default), horizon16, cap, asg, asg-lsq, exact, none");
     }
     void prepend_to(Overrides& overrides) const; // throws UsageError for an unknown word
 };

@@ -166,6 +166,12 @@ reference with another seed, less the part that this long render's own variance 
 noiseless image. Passes over all sample counts are repeated, preview and reference in turn; line: median, band: lowest and highest.
 Seconds to an error are interpolated between neighbouring points in the logarithms of both; *extrapolated* says that the series' time
 ran out above the error, and that the last points' slope and cost per sample were carried on, 32-fold at most.""",
+    "bake": """\
+What a bake costs and what visibility gains, on the plain weave of two-ply yarns; each bake is a process of its own that finds nothing in
+the cache. Stages are the program's own `seconds`, both sides together: *maps* projects the plies, *visibility* sweeps horizons and
+integrates the sky over them, *normals* packs texels and slope mips; *total* holds the yarns' tables as well. The sweep is set against brute
+force, one march for each block and azimuth, in the same run; of many blocks every so many rows are marched, and the seconds scaled.
+Accuracy is the RMS of V against exact rays over texels, both sides, and directions uniform in solid angle; `none` is V = 1.""",
     "ingredients": """\
 What each ingredient of the model gains and costs; the tables and how they were measured are in [ingredients.md](ingredients.md). Here are the
 worst fabrics' figures: accuracy of visibility against exact rays; error of the effective reflectance of close-ups at 75 degrees

@@ -229,6 +229,24 @@ def horizon_visibility(knots, weight, d):
     return np.where(d[..., 2] > 0, horizon_step(s / 255, d[..., 2]), 0)
 
 
+def cap_visibility(words, d):
+    """Ellipse with half axes a_x, a_y on the equal-area disc (u, v) = (d.x, d.y) sqrt(2 / (1 + d.mu)) about mu; soft by .05 [8.5]."""
+    words = np.asarray(words, np.uint32)
+    def signed(half):
+        half = np.asarray(half, np.int64)
+        return np.where(half >= 32768, half - 65536, half) / 32767
+    x, y = signed(words[..., 0] & np.uint32(0xffff)), signed(words[..., 0] >> np.uint32(16))
+    mu = np.stack([x, y, np.sqrt(np.maximum(1 - x * x - y * y, 0))], -1)
+    gamma = PI * (words[..., 1] & np.uint32(1023)) / 1024
+    a_x = np.maximum((words[..., 1] >> np.uint32(10)) & np.uint32(2047), 0.5) * 4 / 2047
+    a_y = np.maximum(words[..., 1] >> np.uint32(21), 0.5) * 4 / 2047
+    f = frame(mu)
+    along = np.cos(gamma)[..., None] * f[..., 0, :] + np.sin(gamma)[..., None] * f[..., 1, :]
+    scale = np.sqrt(2 / np.maximum(1 + dot(mu, d), 1e-6))
+    q = np.hypot(dot(along, d) * scale / a_x, dot(np.cross(mu, along), d) * scale / a_y)
+    return np.where(d[..., 2] > 0, np.clip((1.05 - q) / 0.1, 0, 1), 0)
+
+
 def unpack_knots(words):
     """(..., 2) words -> (..., 8) bytes, knot 0 in the lowest byte of the first."""
     words = np.asarray(words, np.uint32)
@@ -256,6 +274,8 @@ class Maps:
         self.openness = [(side >> np.uint32(24)) / 255 for side in packed]
         self.words = tables.horizons
         self.knots = [unpack_knots(side) for side in tables.horizons]
+        self.heights = np.asarray(tables.heights, float)[:self.w * self.h].reshape(self.h, self.w)
+        self.asg = np.asarray(tables.asg, float).reshape(self.h, self.w, 8)
         self.mips = [decode_slopes(side) for side in tables.mips]
         self.yarns = np.asarray(tables.yarns, float)
 
@@ -286,8 +306,48 @@ class Maps:
 
     def visibility(self, side, x, y, d):
         corners, weight = self.horizon(side, x, y)
-        knots = np.stack([self.knots[side][cy, cx] for cx, cy in corners])
+        knots = np.stack([self.knots[side][self.block(corner)] for corner in corners])
         return float(horizon_visibility(knots[None], weight[None], np.asarray(d, float)[None])[0])
+
+    def block(self, corner):
+        """Index of a half-resolution texel (x, y)."""
+        return corner[1] * (self.w // 2) + corner[0]
+
+    def visibility16(self, side, x, y, d):
+        """As visibility, with two words of eight knots a corner: knot k at k / 2 octants [8.5]."""
+        corners, (wx, wy) = self.horizon(side, x, y)
+        g = 2 * float(horizon_azimuth(np.asarray(d[:2], float)[None])[0])
+        k, f = int(np.floor(g)), g - np.floor(g)
+        s = []
+        for corner in corners:
+            knots = np.concatenate([self.knots[side][2 * self.block(corner) + part] for part in (0, 1)])
+            s.append(knots[k % 16] * (1 - f) + knots[(k + 1) % 16] * f)
+        s = (s[0] * (1 - wx) + s[1] * wx) * (1 - wy) + (s[2] * (1 - wx) + s[3] * wx) * wy
+        return float(horizon_step(s / 255, d[2])) if d[2] > 0 else 0.0
+
+    def clearance(self, side, x, y, d, tile_m, low, high):
+        """Whether a ray from the texel's centre clears the heights, interpolated along the texel lines of the axis that it crosses
+        fastest: all of them, until it is above the highest, or one tile or 16 height ranges have passed. Returns the least clearance
+        as a share of the range: the ray is free where it is not negative."""
+        if d[2] <= 0:
+            return -1.0
+        size, texel = np.array([self.w, self.h]), np.asarray(tile_m) / [self.w, self.h]
+        height = self.heights / 65535 * (high - low)
+        way = np.asarray(d[:2]) / texel             # texels for every metre that the ray's parameter grows
+        axis = int(abs(way[1]) > abs(way[0]))
+        if way[axis] == 0:
+            return 1.0
+        far = max(*tile_m, 16 * (high - low)) / np.hypot(*d[:2])
+        count = int(np.ceil(min((height.max() + (high - low) - height[y, x]) / d[2], far) * abs(way[axis])))
+        t = np.arange(1, count + 1) / abs(way[axis])
+        p = np.array([x, y]) + t[:, None] * way
+        fixed = np.rint(p[:, axis]).astype(int) % size[axis]
+        base = np.floor(p[:, 1 - axis]).astype(int)
+        f = p[:, 1 - axis] - base
+        def at(row):
+            row = row % size[1 - axis]
+            return height[row, fixed] if axis == 0 else height[fixed, row]
+        return float(np.min(height[y, x] + t * d[2] - at(base) * (1 - f) - at(base + 1) * f, initial=high - low)) / (high - low)
 
     def level_size(self, level):
         return max(1, self.w >> level), max(1, self.h >> level)

@@ -142,7 +142,7 @@ def make_tables(seed=5, size=(24, 16)):
         x = np.where(gap, 0, slope_words(w * h)).astype(np.uint32)
         texels.append(np.stack([x, packed.astype(np.uint32)], -1).reshape(h, w, 2))
     def knots():
-        k = np.minimum(rng.exponential(60, (h // 2, w // 2, 8)), 255).astype(np.uint64)
+        k = np.minimum(rng.exponential(60, (w * h, 8)), 255).astype(np.uint64)
         return np.stack([sum(k[..., 4 * part + j] << np.uint64(8 * j) for j in range(4)) for part in (0, 1)], -1).astype(np.uint32)
     sizes = [(max(1, w >> k), max(1, h >> k)) for k in range(1, int(np.log2(max(w, h))) + 1)]
     mips = tuple(slope_words(sum(a * b for a, b in sizes)) for _ in range(2))
@@ -155,7 +155,16 @@ def make_tables(seed=5, size=(24, 16)):
     lights = np.concatenate([lights_of_kind(rng, 1, kind) for kind in range(6)])
     lights[:, 1] = [0.3, 0.1, 0.2, 0.15, 0.05, 0.2]
     return evaluate.Tables(tuple(texels), (knots(), knots()), mips, yarns(rng, 3).astype("f4"), lights.astype("f4"),
-                           environment.astype("f4"), alias.astype(np.uint32))
+                           environment.astype("f4"), alias.astype(np.uint32), *relief(rng, size))
+
+
+def relief(rng, size):
+    """Heights, hills under noise; an ASG for each texel."""
+    w, h = size
+    x, y = np.meshgrid(np.arange(w) / w, np.arange(h) / h)
+    heights = 0.5 + 0.3 * np.sin(2 * np.pi * (2 * x + y)) + 0.2 * rng.random((h, w)) - 0.1
+    asg = np.c_[viewer(rng, w * h), rng.uniform(-4, 4, w * h), rng.uniform(0.5, 40, (w * h, 2)), rng.uniform(0, 2, w * h), np.zeros(w * h)]
+    return np.rint(heights.ravel() * 65535).astype(np.uint16), asg.reshape(-1, 4).astype("f4")
 
 
 def lights_of_kind(rng, n, kind):
@@ -396,6 +405,58 @@ def _():
     return inputs, expect
 
 
+@function("cap_visibility", floor=1.0, loose=0.02, why="the rim is 1/10 of a radius wide: caps of small axes magnify a direction's rounding")
+def _():
+    def inputs(rng):
+        mean = viewer(rng, N)
+        x, y = (np.rint(mean[:, k] * 32767).astype(np.int64) & 0xffff for k in (0, 1))
+        axes = np.rint(rng.uniform(0, 1.6, (N, 2)) * 2047 / 4).astype(np.int64)
+        axes[:20], axes[20:30] = 0, 2047
+        second = rng.integers(0, 1024, N) | axes[:, 0] << 10 | axes[:, 1] << 21
+        d = np.where(rng.random((N, 1)) < 0.5, oracle.unit(mean + 0.5 * sphere(rng, N)), viewer(rng, N))
+        return np.c_[x, y, halves(second), d]
+    def expect(xs):
+        return oracle.cap_visibility(np.stack([word(xs, 0), word(xs, 2)], -1), xs[:, 4:7])
+    return inputs, expect
+
+
+def visibility_of_kind(x):
+    side, tx, ty, kind, d = int(x[0]), int(x[1]), int(x[2]), int(x[3]), x[4:7]
+    if kind == 0:
+        return float(d[2] > 0)
+    if kind == 1:
+        return MAPS.visibility(side, tx, ty, d)
+    if kind == 2:
+        a = MAPS.asg[ty, tx]
+        return float(oracle.asg_visibility(a[None, :3], *(a[None, k] for k in (3, 4, 5, 6)), oracle.unit(d[None]))[0])
+    if kind == 3:
+        return MAPS.visibility16(side, tx, ty, d)
+    if kind == 4:
+        return float(oracle.cap_visibility(MAPS.words[side][ty * MAPS.w + tx][None], d[None])[0])
+    return float(clearance(x) >= 0)
+
+
+def clearance(x):
+    side = int(x[0])
+    return MAPS.clearance(side, int(x[1]), int(x[2]), x[4:7], x[7:9], x[9 + side], x[11 + side])
+
+
+def grazing_slack(xs):
+    """A ray within 1e-4 of the height range of the relief: hundreds of steps round its place to 1e-4 texels, and slopes are steep."""
+    return np.array([1e9 if int(x[3]) == 5 and abs(clearance(x)) < 1e-4 else 0 for x in xs])[:, None]
+
+
+@function("visibility_at", tables=True, floor=1.0, loose=0.01, slack=grazing_slack,
+          why="a ray that grazes the relief falls either way; caps have steep rims")
+def _():
+    def inputs(rng):
+        w, h = MAPS.w, MAPS.h
+        low = rng.uniform(-1e-3, 0, (N, 2))
+        return np.c_[rng.integers(0, 2, N), rng.integers(0, w, N), rng.integers(0, h, N), rng.integers(0, 6, N), viewer(rng, N),
+                     rng.uniform(5e-4, 5e-3, (N, 2)), low, low + 10 ** rng.uniform(-5, -3, (N, 2))]
+    return inputs, lambda xs: np.array([visibility_of_kind(x) for x in xs])
+
+
 @function("decode_slopes", strict=True)
 def _():
     def inputs(rng):
@@ -429,7 +490,7 @@ def _():
         out = []
         for side, x, y in xs.astype(int):
             corners, weight = MAPS.horizon(side, x, y)
-            out.append(np.r_[[halves(MAPS.words[side][cy, cx]).ravel() for cx, cy in corners], ].ravel().tolist() + weight.tolist())
+            out.append(np.r_[[halves(MAPS.words[side][MAPS.block(corner)]).ravel() for corner in corners], ].ravel().tolist() + weight.tolist())
         return np.array(out)
     return every_texel, expect
 

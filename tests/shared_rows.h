@@ -27,6 +27,8 @@ ROW(horizon_azimuth, 2, 1, out1(0, cloth_horizon_azimuth(in2(0)));)
 ROW(horizon_step, 2, 1, out1(0, cloth_horizon_step(in1(0), in1(1)));)
 ROW(horizon_visibility, 21, 1, out1(0, cloth_horizon_visibility(in_horizon(0), in3(18)));)
 
+ROW(cap_visibility, 7, 1, out1(0, cloth_cap_visibility(uvec2(in_word(0), in_word(2)), in3(4)));)
+ROW(visibility_at, 13, 1, ClothMaps m = in_maps(); m.tile_m = in2(7); m.height_low = in2(9); m.height_high = in2(11); out1(0, cloth_visibility_at(m, in_int(0), ivec2(in_int(1), in_int(2)), in3(4), ClothSettings(cloth_bsdf_meso, cloth_weight_relief, in_int(3), cloth_slab_ply, false, false, false)));)
 ROW(asg_visibility, 11, 1, out1(0, cloth_asg_visibility(real4(in3(0), in1(3)), real4(in3(4), in1(7)), in3(8)));)
 
 // ---- cloth_maps.h, cloth_footprint.h

@@ -45,7 +45,8 @@ def test_small_scenes(program, tmp_path, scene, backend):
     assert_equal(compare_renderers(program, tmp_path, SCENES / f"{scene}.json", 256, size=96, backend=backend))
 
 
-@pytest.mark.parametrize("options", [("--mode", "paper"), ("--mode", "jin"), ("--bsdf", "micro"), ("--visibility", "none")], ids=" ".join)
+@pytest.mark.parametrize("options", [("--mode", "paper"), ("--mode", "jin"), ("--bsdf", "micro"), ("--visibility", "none"),
+                                     ("--visibility", "horizon16"), ("--visibility", "cap"), ("--visibility", "exact")], ids=" ".join)
 def test_every_mode(program, tmp_path, options):
     assert_equal(compare_renderers(program, tmp_path, SCENES / "layers.json", 256, *options, size=96))
 

@@ -246,7 +246,6 @@ USAGE = {
     "not a number": ["--time", "nan"],
     "no such integrator": ["--integrator", "bdpt"],
     "no such visibility": ["--visibility", "exakt"],
-    "visibility of a later version": ["--visibility", "horizon16"],
     "no such mode": ["--mode", "theirs"],
     "layer of a later version": ["--aov", "normal,yarns"],
     "half a resolution": ["--resolution", "64"],

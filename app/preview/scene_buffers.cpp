@@ -99,10 +99,10 @@ void SceneBuffers::upload_fabrics(const Scene& scene, const Needs& needs)
     // Only what the model looks at.
     using namespace cloth::f32;
     const bool meso = needs.model.bsdf == cloth_bsdf_meso;
-    const bool relief = meso && needs.model.weight == cloth_weight_relief;
+    const bool relief =
+        meso && (needs.model.weight == cloth_weight_relief || needs.model.visibility == cloth_visibility_exact);
     const bool slopes = meso && needs.model.weight == cloth_weight_mips;
-    const bool horizons = meso && needs.model.visibility == cloth_visibility_horizon8;
-    const bool gaussians = meso && needs.model.visibility == cloth_visibility_asg;
+    const bool shadowed = cloth_uses_visibility(needs.model);
     for (const PackedFabric& fabric : scene.fabrics) {
         Place place{};
         for (int side = 0; side < 2; ++side) {
@@ -113,10 +113,11 @@ void SceneBuffers::upload_fabrics(const Scene& scene, const Needs& needs)
             place.mips[side] = word(checked(mips.size()));
             place.heights[side] = word(checked(heights.size()));
             place.asg[side] = word(checked(asg.size()));
-            if (horizons) maps.insert(maps.end(), source.horizons.begin(), source.horizons.end());
+            const std::vector<glm::uvec2>& words = visibility_words(fabric, side);
+            if (shadowed) maps.insert(maps.end(), words.begin(), words.end());
             if (slopes) mips.insert(mips.end(), source.slope_mips.begin(), source.slope_mips.end());
             if (relief) heights.insert(heights.end(), source.heights.begin(), source.heights.end());
-            if (gaussians) asg.insert(asg.end(), source.asg.begin(), source.asg.end());
+            if (shadowed) asg.insert(asg.end(), source.asg.begin(), source.asg.end());
         }
         place.yarns = word(yarns);
         yarns += fabric.yarns.size();

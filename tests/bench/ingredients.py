@@ -13,7 +13,7 @@ import bench_report  # noqa: E402
 from bench_report import figure  # noqa: E402
 
 FABRICS = ("plain", "twill", "satin")
-KINDS = ("none", "asg", "asg-lsq", "horizon8")
+KINDS = ("none", "asg", "asg-lsq", "cap", "horizon8", "horizon16", "exact")
 # Each step switches one ingredient; what follows a "+" is added to the step before.
 LADDER = {
     "paper": {"mode": "paper"},

@@ -15,9 +15,7 @@ sys.path.insert(0, str(pathlib.Path(__file__).resolve().parents[1]))
 
 import bench_report  # noqa: E402
 import evaluate  # noqa: E402
-import gl_contexts  # noqa: E402
 
-GL_R16UI = 0x8234
 PROGRAM = evaluate.BIN / "selvedge-stability"
 BATCH = 1 << 15
 # Inputs over all functions. OSMesa is the same rasteriser as EGL's software driver with another door.
@@ -49,7 +47,7 @@ def read_rows():
 
 
 def read_tables():
-    """The maps and lights of selvedge-stability, and what evaluate.Tables has no place for: heights, ASGs."""
+    """The maps and lights of selvedge-stability."""
     data = run_program("--tables")
     first = 0
 
@@ -62,28 +60,20 @@ def read_tables():
 
     w, h, ew, eh = take("i4")
     texels = tuple(take("u4", 2).reshape(h, w, 2) for _ in range(2))
-    horizons = tuple(take("u4", 2).reshape(h // 2, w // 2, 2) for _ in range(2))
+    horizons = tuple(take("u4", 2) for _ in range(2))
     mips = tuple(take("u4") for _ in range(2))
     yarns, lights = take("f4").reshape(-1, 17), take("f4").reshape(-1, 19)
     environment, alias = take("f4").reshape(eh, ew, 4), take("u4", 2).reshape(eh, ew, 2)
-    tables = evaluate.Tables(texels, horizons, mips, yarns, lights, environment, alias)
-    return tables, take("u2"), take("f4").reshape(-1, 4)
+    return evaluate.Tables(texels, horizons, mips, yarns, lights, environment, alias, take("u2"), take("f4").reshape(-1, 4))
 
 
 class Glsl(evaluate.GlslEvaluator):
-    """The evaluator of the tests, with heights and ASGs besides."""
+    """The evaluator of the tests on these tables."""
 
     def __init__(self, backend):
         super().__init__(backend)
-        self.tables, self.heights, self.asg = read_tables()
+        self.tables = read_tables()
         self.rows = read_rows()
-
-    def bind(self, tables):
-        defines = super().bind(tables)
-        for unit, kind, array in ((7, GL_R16UI, self.heights), (8, gl_contexts.GL_RGBA32F, self.asg)):
-            self.bound.append(self.context.gl.buffer(np.ascontiguousarray(array).tobytes()))
-            self.context.bind_buffer_texture(unit, kind, self.bound[-1])
-        return defines
 
     def name(self):
         with self.context as gl:

@@ -38,6 +38,8 @@ void read_tables(const char* path)
     read_items(file, tables.lights);
     read_items(file, tables.environment);
     read_items(file, tables.alias);
+    read_items(file, tables.heights);
+    read_items(file, tables.asg);
     std::fclose(file);
 }
 

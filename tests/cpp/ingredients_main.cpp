@@ -1,9 +1,11 @@
 // selvedge-ingredients: what the model's ingredients cost in accuracy, on a baked fabric: visibility against exact
-// rays, effective reflectance against path tracing of the relief. tests/bench/ingredients.py and tests/test_furnace.py
-// run it.
+// rays, effective reflectance against path tracing of the relief. tests/bench/{ingredients,bake}.py and
+// tests/test_furnace.py run it.
 //   selvedge-ingredients visibility FABRIC  --kind KIND...        RMS of V, bytes, ns
+//   selvedge-ingredients sweep FABRIC                             seconds of the horizon sweep and of brute force
 //   selvedge-ingredients reflectance FABRIC --model NAME:KEY=VALUE,...  one table, by angle and footprint
 // JSON on stdout. Exit 0 done, 1 input failed, 2 wrong usage.
+#include <algorithm>
 #include <chrono>
 #include <cmath>
 #include <cstdio>
@@ -19,6 +21,7 @@
 #include "bake/energy.hpp"
 #include "bake/error.hpp"
 #include "bake/program.hpp"
+#include "bake/visibility.hpp"
 #include "reference/model.hpp"
 #include "relief_truth.hpp"
 
@@ -94,11 +97,8 @@ nlohmann::json measure_visibility_kinds(const Options& options)
     for (const std::string& name : options.kinds) {
         const bool none = name == "none";
         const PackedFabric fabric = baked(options, none ? VisibilityKind::horizon8 : parse_visibility(name));
-        const bool gaussian = name == "asg" || name == "asg-lsq";
         f32::ClothSettings settings = full_model;
-        settings.visibility = none       ? f32::cloth_visibility_none
-                              : gaussian ? f32::cloth_visibility_asg
-                                         : f32::cloth_visibility_horizon8;
+        settings.visibility = none ? f32::cloth_visibility_none : visibility_lookup(fabric.visibility);
         const f32::ClothMaps maps = maps_of(fabric);
         const auto look_up = [&](int side, const Question& q) {
             return f32::cloth_visibility_at(maps, side, q.xy, q.d, settings);
@@ -127,20 +127,58 @@ nlohmann::json measure_visibility_kinds(const Options& options)
             for (const Question& q : asked) spent_sum += double(look_up(0, q));
             best = std::min(best, seconds_since(start) / double(asked.size()));
         }
-        const double bytes = none ? 0 : gaussian ? (name == "asg" ? 20 : 24) : 2;
         rows.push_back({{"kind", name},
                         {"rms", rms},
                         {"rms_95", 1.96 * std::sqrt(variance) / (2 * rms)},
                         {"bias", bias},
-                        {"bytes_per_texel", bytes},
-                        {"bytes_resident", none       ? 0
-                                           : gaussian ? 32
-                                                      : 2},
+                        {"bytes_per_texel", none ? 0 : fabric.visibility_bytes_per_texel()},
                         {"nanoseconds", best * 1e9},
                         {"directions", 2 * asked.size()},
                         {"checksum", spent_sum}});
     }
     return {{"fabric", plain.name}, {"texels", {plain.size.x, plain.size.y}}, {"kinds", rows}};
+}
+
+// Seconds of the sweep for both sides' knots, and of marching every block by itself, in the same run.
+nlohmann::json measure_sweep(const Options& options)
+{
+    const PackedFabric fabric = baked(options, VisibilityKind::horizon8);
+    std::vector<double> swept;
+    double marched = 0, checksum = 0;
+    const glm::ivec2 blocks = fabric.size / 2;
+    // Of the marches only some rows of blocks, evenly spread, where there are many.
+    const int stride = std::max(1, blocks.y / 32);
+    for (int side = 0; side < 2; ++side) {
+        const std::vector<float> heights = heights_m(fabric, side);
+        const HeightField field{fabric.size, fabric.tile_m, &heights};
+        const glm::vec2 range_m = height_range(field);
+        for (int pass = 0; pass < 5; ++pass) {
+            const auto start = std::chrono::steady_clock::now();
+            checksum += double(horizon_knots(field).back().x);
+            if (side == 0) swept.push_back(0);
+            swept[std::size_t(pass)] += seconds_since(start);
+        }
+        std::vector<double> sums(std::size_t(blocks.y), 0.0);
+        const auto start = std::chrono::steady_clock::now();
+        tbb::parallel_for(0, blocks.y / stride, [&](int row) {
+            const int Y = row * stride;
+            for (int X = 0; X < blocks.x; ++X)
+                for (int j = 0; j < horizon_azimuths; ++j)
+                    sums[std::size_t(Y)] += double(march_horizon(field, range_m, {2 * X + 1, 2 * Y + 1},
+                                                                 float(2 * pi_d * (j + 0.5) / horizon_azimuths)));
+        });
+        marched += seconds_since(start) * blocks.y / (blocks.y / stride);
+        for (const double sum : sums) checksum += sum;
+    }
+    std::sort(swept.begin(), swept.end());
+    return {{"fabric", fabric.name},
+            {"texels", {fabric.size.x, fabric.size.y}},
+            {"sweep_seconds", swept[swept.size() / 2]},
+            {"sweep_passes", swept.size()},
+            {"march_seconds", marched},
+            {"march_rows", blocks.y / stride},
+            {"march_rows_of", blocks.y},
+            {"checksum", checksum}};
 }
 
 // ---- reflectance
@@ -349,7 +387,9 @@ int measure(int argc, char** argv)
     };
     CLI::App* visibility = app.add_subcommand("visibility", "V against exact rays");
     common(visibility);
-    visibility->add_option("--kind", options.kinds, "none, asg, asg-lsq, horizon8")->required();
+    visibility->add_option("--kind", options.kinds, "none, horizon8, horizon16, cap, asg, asg-lsq, exact")->required();
+    CLI::App* sweep = app.add_subcommand("sweep", "seconds of the horizon sweep and of brute force");
+    common(sweep);
     CLI::App* reflectance =
         app.add_subcommand("reflectance", "effective reflectance against path tracing of the relief");
     common(reflectance);
@@ -367,8 +407,9 @@ int measure(int argc, char** argv)
     } catch (const CLI::ParseError& error) {
         throw UsageError("%s", error.what());
     }
-    const nlohmann::json report =
-        visibility->parsed() ? measure_visibility_kinds(options) : measure_reflectance(options);
+    const nlohmann::json report = visibility->parsed() ? measure_visibility_kinds(options)
+                                  : sweep->parsed()    ? measure_sweep(options)
+                                                       : measure_reflectance(options);
     std::printf("%s\n", report.dump(1).c_str());
     return 0;
 }

@@ -136,10 +136,11 @@ double difference(const PackedFabric& a, int side_a, const PackedFabric& b, int 
             const auto at = [&](int i, int j) {
                 return static_cast<std::size_t>((j % a.size.y) * a.size.x + i % a.size.x);
             };
-            sum += std::abs(static_cast<double>(a.side[side_a].heights_m[at(x, y)]) -
-                            static_cast<double>(b.side[side_b].heights_m[at(x + dx, y + dy)]));
+            sum += std::abs(static_cast<double>(height_m(a.side[side_a], at(x, y))) -
+                            static_cast<double>(height_m(b.side[side_b], at(x + dx, y + dy))));
         }
-    return sum / (a.size.x * a.size.y) / static_cast<double>(a.height_range_m.y - a.height_range_m.x);
+    const glm::vec2 range = a.side[0].height_range_m;
+    return sum / (a.size.x * a.size.y) / static_cast<double>(range.y - range.x);
 }
 
 std::string course(const char* bed, char way, int needles, const char* carrier = "1")
@@ -244,8 +245,8 @@ TEST_CASE("knit maps tile without a seam")
         const PackedFabric packed = baked(knit(name));
         for (const PackedSide& side : packed.side) {
             const auto height = [&](int x, int y) {
-                return side
-                    .heights_m[static_cast<std::size_t>((y % packed.size.y) * packed.size.x + x % packed.size.x)];
+                return height_m(side,
+                                static_cast<std::size_t>((y % packed.size.y) * packed.size.x + x % packed.size.x));
             };
             // Mean step over the seam against the mean step anywhere, along both axes.
             double seam = 0, all = 0;

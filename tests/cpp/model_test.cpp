@@ -35,7 +35,16 @@ TEST_CASE("a model's JSON gives the model back")
         CHECK(model_json(parse_model(JsonValue::parse(json.dump(), "model.json"))) == json);
         CHECK(model_json(parse_model(JsonValue::parse(nlohmann::json{{"mode", mode}}.dump(), "model.json"))) == json);
     }
+    for (const char* word : {"horizon8", "horizon16", "cap", "asg", "asg-lsq", "exact", "none"}) {
+        const ModelSpec model =
+            parse_model(JsonValue::parse(nlohmann::json{{"visibility", word}}.dump(), "model.json"));
+        CHECK(model_json(model)["visibility"] == word);
+        const bool none = std::string(word) == "none";
+        CHECK(model.settings.visibility == (none ? f32::cloth_visibility_none : visibility_lookup(model.visibility)));
+        if (!none) CHECK(std::string(visibility_name(model.visibility)) == word);
+    }
     CHECK_THROWS_AS(parse_model(JsonValue::parse(R"({"mode": "jim"})", "model.json")), InputError);
+    CHECK_THROWS_AS(parse_model(JsonValue::parse(R"({"visibility": "exakt"})", "model.json")), InputError);
 }
 
 } // namespace selvedge

@@ -56,9 +56,9 @@ class ReliefTruth
         double passes = 0; // the eye looks through a gap
     };
 
-    ReliefTruth(const PackedFabric& fabric, int of_side) : cloth(fabric), side(of_side), size(fabric.size)
+    ReliefTruth(const PackedFabric& fabric, int of_side)
+        : cloth(fabric), side(of_side), size(fabric.size), heights(heights_m(fabric, of_side))
     {
-        const auto& heights = fabric.side[side].heights_m;
         const auto [low, high] = std::minmax_element(heights.begin(), heights.end());
         lowest_m = double(*low), highest_m = double(*high);
         texel_m = glm::dvec2(fabric.tile_m) / glm::dvec2(size);
@@ -189,9 +189,8 @@ class ReliefTruth
     }
     Patch patch(std::int64_t cx, std::int64_t cy) const
     {
-        const auto& h = cloth.side[side].heights_m;
-        const double a = double(h[index(cx, cy)]), b = double(h[index(cx + 1, cy)]), c = double(h[index(cx, cy + 1)]),
-                     d = double(h[index(cx + 1, cy + 1)]);
+        const double a = double(heights[index(cx, cy)]), b = double(heights[index(cx + 1, cy)]),
+                     c = double(heights[index(cx, cy + 1)]), d = double(heights[index(cx + 1, cy + 1)]);
         return {a, b - a, c - a, d - b - c + a};
     }
     glm::dvec3 normal_at(std::int64_t cx, std::int64_t cy, double x, double y) const
@@ -269,6 +268,7 @@ class ReliefTruth
     const PackedFabric& cloth;
     int side;
     glm::ivec2 size;
+    std::vector<float> heights; // [m]
     double lowest_m, highest_m;
 };
 

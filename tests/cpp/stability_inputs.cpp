@@ -645,7 +645,7 @@ const std::map<std::string_view, Kind>& kinds()
         {"settings",
          {7, false,
           [](Draw& d, Writer& o, Context&) {
-              for (const int count : {2, 4, 3, 2, 2, 2, 2}) o.put(d.whole(count));
+              for (const int count : {2, 4, 6, 2, 2, 2, 2}) o.put(d.whole(count));
           }}},
         {"point", {11, true, [](Draw& d, Writer& o, Context& c) { put_point(d, o, c); }}},
         {"yarn", {row_yarn_numbers, true, [](Draw& d, Writer& o, Context&) { put_yarn(d, o); }}},
@@ -837,7 +837,7 @@ RowTables make_tables()
             const std::uint32_t azimuth = draw.chance(6) ? 0 : static_cast<std::uint32_t>(draw.whole(65536));
             t.texels[side].push_back({(word & 0x800000u) != 0 ? 0 : slope_word(), word | azimuth | (openness << 24)});
         }
-        for (int k = 0; k < count / 4; ++k) {
+        for (int k = 0; k < count; ++k) { // as many as caps ask for
             glm::uvec2 knots(0);
             const int pattern = draw.whole(6);
             for (int part_of = 0; part_of < 2 && pattern > 0; ++part_of)
