@@ -1,4 +1,5 @@
 """Samplers follow their densities, densities integrate to 1, and no point gives back more light than it receives."""
+import dataclasses
 import functools
 
 import numpy as np
@@ -257,9 +258,8 @@ def alias_table(density):
 
 
 def tables_with(environment):
-    t = shared_functions.TABLES
     alias = alias_table(environment[..., 3]).reshape(environment.shape[:2] + (2,))
-    return evaluate.Tables(t.texels, t.horizons, t.mips, t.yarns, t.lights, environment.astype("f4"), alias)
+    return dataclasses.replace(shared_functions.TABLES, environment=environment.astype("f4"), alias=alias)
 
 
 SKY = shared_functions.IMAGE.astype("f4").astype("f8")
