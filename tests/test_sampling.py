@@ -7,7 +7,6 @@ import pytest
 from scipy import stats
 
 import cloth_oracle as oracle
-import evaluate
 import shared_functions
 
 SAMPLES = 100_000
