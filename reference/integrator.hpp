@@ -87,8 +87,8 @@ struct RenderSettings {
     int roulette_start = 3; // bounces that Russian roulette never cuts short
 
     // Above 0: samples go where they lower the mean relMSE of the picture most, and end where it is expected to be
-    // below this (adaptive_aim). In tiles of 16 x 16 pixels, each of which stops by itself; bits are the same for any threads and steps, but
-    // a region, whose tiles and mean are others, stops at other counts than the picture does.
+    // below this (adaptive_aim). In tiles of 16 x 16 pixels, each of which stops by itself; bits are the same for any
+    // threads and steps, but a region, whose tiles and mean are others, stops at other counts than the picture does.
     //
     // The mean stays unbiased: even and odd blocks of samples are independent halves, and each half's length is decided
     // by what the other one has seen alone. With v a tile's mean of (variance of a sample) / (mean^2 + 0.01), the least
