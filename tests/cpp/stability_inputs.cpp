@@ -474,7 +474,8 @@ void put_ray(Draw& draw, Writer& out, const Context& context)
 }
 
 // A fabric's size [m], heights [m], cells and amplitude of the twist noise.
-void put_fabric(Draw& draw, Writer& out)
+// Size of the repeat and of its relief.
+void put_relief(Draw& draw, Writer& out)
 {
     const glm::dvec2 tile(draw.log(1e-5, 1), draw.log(1e-5, 1));
     out.put(tile);
@@ -482,6 +483,11 @@ void put_fabric(Draw& draw, Writer& out)
     const Vec low = -deep * Vec(part(draw), part(draw), 0), high = deep * Vec(part(draw), part(draw), 0);
     out.put(glm::dvec2(low));
     out.put(glm::dvec2(high));
+}
+
+void put_fabric(Draw& draw, Writer& out)
+{
+    put_relief(draw, out);
     out.put(draw.whole(1, draw.chance(4) ? 4096 : 8));
     out.put(draw.whole(1, draw.chance(4) ? 4096 : 8));
     out.put(draw.chance(3) ? 0 : draw.log(1e-4, 1));
@@ -641,6 +647,8 @@ const std::map<std::string_view, Kind>& kinds()
           [](Draw& d, Writer& o, Context&) { o.put(d.whole(-1000000, 1000000)), o.put(d.whole(-1000000, 1000000)); }}},
         {"tile", {2, true, [](Draw& d, Writer& o, Context&) { o.put(tile_position(d)); }}},
         {"footprint", {6, true, [](Draw& d, Writer& o, Context&) { put_footprint(d, o); }}},
+        {"relief", {6, true, [](Draw& d, Writer& o, Context&) { put_relief(d, o); }}},
+        {"kind_of_visibility", whole_kind(0, cloth::f64::cloth_visibility_exact)},
         {"fabric", {9, true, [](Draw& d, Writer& o, Context&) { put_fabric(d, o); }}},
         {"settings",
          {7, false,
@@ -657,6 +665,13 @@ const std::map<std::string_view, Kind>& kinds()
                   o.put(pattern == 0 ? 0 : pattern == 1 ? d.whole(65536) & 0x0f0f : d.whole(65536));
               o.put(random_number(d));
               o.put(random_number(d));
+          }}},
+        {"cap", // a mean direction over the horizon, any angle and axes
+         {4, true,
+          [](Draw& d, Writer& o, Context& c) {
+              const Vec mean = viewer(d, c) * 32767.0;
+              for (const int axis : {0, 1}) o.put(static_cast<int>(std::lround(mean[axis])) & 0xffff);
+              for (int half = 0; half < 2; ++half) o.put(d.chance(8) ? d.one_of({0, 0xffff}) : d.whole(65536));
           }}},
         {"camera",
          {14, true,
@@ -765,7 +780,9 @@ const char* const signatures[] = {
     "horizon_azimuth: plane > octant",
     "horizon_step: part part > share",
     "horizon_visibility: horizon direction > share",
+    "cap_visibility: cap direction > share",
     "asg_visibility: viewer angle bandwidth bandwidth amplitude zero direction > share",
+    "visibility_at: side texel kind_of_visibility direction relief > share",
     "decode_slopes: slope_word > pair",
     "texel_at: tile > whole whole",
     "texel: side texel > unit unit unit positive positive pair whole whole share",
