@@ -259,7 +259,7 @@ def alias_table(density):
 def tables_with(environment):
     t = shared_functions.TABLES
     alias = alias_table(environment[..., 3]).reshape(environment.shape[:2] + (2,))
-    return evaluate.Tables(t.texels, t.horizons, t.mips, t.yarns, t.lights, environment.astype("f4"), alias)
+    return evaluate.Tables(t.texels, t.horizons, t.mips, t.yarns, t.lights, environment.astype("f4"), alias, t.emitters)
 
 
 SKY = shared_functions.IMAGE.astype("f4").astype("f8")
