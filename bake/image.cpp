@@ -9,6 +9,7 @@
 #include <filesystem>
 #include <memory>
 
+#include <fcntl.h>
 #include <unistd.h>
 
 #include <OpenImageIO/imageio.h>
@@ -63,19 +64,45 @@ void refuse_cut_file(const std::string& path)
         throw InputError(path, 0, "truncated picture: the end of the %s is missing", png ? "PNG" : "JPEG");
 }
 
-std::string beside(const std::string& path)
+// A file that has no name until it is whole (O_TMPFILE, Linux 3.11), so that a program that is killed leaves nothing
+// behind; where the folder's file system knows no such thing, PATH.tmp-PID.
+class Draft
 {
-    return path + ".tmp-" + std::to_string(::getpid());
-}
-
-void rename_or_throw(const std::string& from, const std::string& to)
-{
-    if (std::rename(from.c_str(), to.c_str()) != 0) {
-        const std::string reason = std::strerror(errno);
-        std::remove(from.c_str());
-        throw InputError(to, 0, "cannot be written: %s", reason.c_str());
+  public:
+    explicit Draft(const std::string& path) : target_(path), beside_(path + ".tmp-" + std::to_string(::getpid()))
+    {
+        std::string folder = std::filesystem::path(path).parent_path().string();
+        if (folder.empty()) folder = ".";
+        descriptor_ = ::open(folder.c_str(), O_TMPFILE | O_RDWR | O_CLOEXEC, 0666);
     }
-}
+    ~Draft()
+    {
+        if (descriptor_ >= 0)
+            ::close(descriptor_);
+        else
+            std::remove(beside_.c_str());
+    }
+    Draft(const Draft&) = delete;
+    Draft& operator=(const Draft&) = delete;
+
+    // What a writer opens by name.
+    std::string path() const { return descriptor_ >= 0 ? "/proc/self/fd/" + std::to_string(descriptor_) : beside_; }
+    // Puts the finished file in the place of the target. A file cannot be linked over another one, so it gets its
+    // temporary name for the blink of an eye.
+    void finish()
+    {
+        const bool named =
+            descriptor_ < 0 || ::linkat(AT_FDCWD, path().c_str(), AT_FDCWD, beside_.c_str(), AT_SYMLINK_FOLLOW) == 0;
+        if (named && std::rename(beside_.c_str(), target_.c_str()) == 0) return;
+        const std::string reason = std::strerror(errno);
+        std::remove(beside_.c_str());
+        throw InputError(target_, 0, "cannot be written: %s", reason.c_str());
+    }
+
+  private:
+    std::string target_, beside_;
+    int descriptor_ = -1;
+};
 
 void require_folder_of(const std::string& path)
 {
@@ -85,24 +112,21 @@ void require_folder_of(const std::string& path)
         throw InputError(path, 0, "cannot be written: no folder %s", folder.c_str());
 }
 
-// Writes through `output` to a file beside `path`, then renames.
 void write_picture(const std::string& path, const char* format, const OIIO::ImageSpec& spec, OIIO::TypeDesc type,
                    const void* pixels)
 {
     require_folder_of(path);
-    const std::string temporary = beside(path);
+    Draft draft(path);
     {
         // create() picks the format by extension; the temporary name has another one.
         auto output = OIIO::ImageOutput::create(format);
         if (!output) throw InputError(path, 0, "no writer for %s: %s", format, one_line(OIIO::geterror()).c_str());
-        if (!output->open(temporary, spec) || !output->write_image(type, pixels) || !output->close()) {
+        if (!output->open(draft.path(), spec) || !output->write_image(type, pixels) || !output->close()) {
             const std::string reason = one_line(output->geterror());
-            output.reset();
-            std::remove(temporary.c_str());
             throw InputError(path, 0, "cannot be written: %s", reason.c_str());
         }
     }
-    rename_or_throw(temporary, path);
+    draft.finish();
 }
 
 } // namespace
@@ -149,6 +173,19 @@ Image read_image(const std::string& path)
     return image;
 }
 
+ImageMetadata read_metadata(const std::string& path)
+{
+    require_regular_file(path);
+    const auto input = OIIO::ImageInput::open(path);
+    if (!input)
+        throw InputError(path, 0, "%s, expected a picture (EXR, HDR, PNG, JPEG, TIFF)",
+                         one_line(OIIO::geterror()).c_str());
+    ImageMetadata metadata;
+    for (const auto& attribute : input->spec().extra_attribs)
+        if (attribute.type() == OIIO::TypeDesc::STRING) metadata[attribute.name().string()] = attribute.get_string();
+    return metadata;
+}
+
 void write_exr(const std::string& path, const Image& image, const ImageMetadata& metadata, ExrType type)
 {
     const auto storage = type == ExrType::float16 ? OIIO::TypeDesc::HALF : OIIO::TypeDesc::FLOAT;
@@ -186,17 +223,16 @@ void write_png(const std::string& path, const Image& image)
 void write_file(const std::string& path, const void* bytes, std::size_t size)
 {
     require_folder_of(path);
-    const std::string temporary = beside(path);
-    std::FILE* file = std::fopen(temporary.c_str(), "wb");
+    Draft draft(path);
+    std::FILE* file = std::fopen(draft.path().c_str(), "wb");
     if (!file) throw InputError(path, 0, "cannot be written: %s", std::strerror(errno));
     const bool written = std::fwrite(bytes, 1, size, file) == size;
     const bool closed = std::fclose(file) == 0;
     if (!written || !closed) {
         const std::string reason = std::strerror(errno);
-        std::remove(temporary.c_str());
         throw InputError(path, 0, "cannot be written: %s", reason.c_str());
     }
-    rename_or_throw(temporary, path);
+    draft.finish();
 }
 
 std::map<std::string, std::string> image_library_versions()

@@ -40,8 +40,12 @@ enum class ExrType { float32, float16 };
 //   throws  InputError: missing, not a picture, truncated, larger than 32768 in either direction or 2^28 pixels
 Image read_image(const std::string& path);
 
+// The text attributes alone. throws InputError as read_image, but for damage behind the header
+ImageMetadata read_metadata(const std::string& path);
+
 // ZIP-compressed scanline EXR, channels named as in the image, `metadata` as text attributes (image.metadata too).
-// Written beside (PATH.tmp-PID) and renamed: the file at `path` is whole or not touched.
+// Written to a file without a name, which is given one when it is whole: the file at `path` is whole or not touched,
+// and a killed program leaves nothing behind. Folders that know no such files get PATH.tmp-PID, renamed at the end.
 //   throws  InputError where the folder does not exist or the disk is full
 void write_exr(const std::string& path, const Image& image, const ImageMetadata& metadata = {},
                ExrType type = ExrType::float32);

@@ -13,6 +13,7 @@ CLOTH_BLOCK(Frame) {
     vec4 camera_forward;    // xyz unit; w distance of the near plane [m]
     vec4 camera_right;      // xyz unit times tan(half horizontal field of view); w 1 / squared length
     vec4 camera_up;         // likewise, vertical
+    vec4 lens;              // xy of this frame's point of the lens: what it adds to the view direction, in units of right and up
     vec4 film;              // xy resolution [px]; zw offset of this frame's samples from the pixel centres [px]
     uvec4 random;           // x seed of the block of samples; y sample inside the block; z footprint samples a frame
     ivec4 depth;            // x 1: depth range is [0, 1]

@@ -3,6 +3,7 @@
 #include "color.h"
 #include "cloth_types.h"
 #include "cloth_bsdf.h"
+#include "cloth_metal.h"
 #include "cloth_visibility.h"
 #include "cloth_fetch.h"
 #include "cloth_noise.h"

@@ -1,10 +1,16 @@
 // Direct light at a shaded surface: everything but the shadow ray. Shared; imports all of the above. Both renderers do
 //   ClothDirect d = cloth_direct(...);  if (d.any && light reaches) colour += d.value;
 
-// What is shaded: a chosen point of a fabric, or matte.
+// A shader that is told that there is no metal (CLOTH_METAL 0) has no code for it.
+#ifndef CLOTH_METAL
+#define CLOTH_METAL 1
+#endif
+
+// What is shaded: a chosen point of a fabric, or matte, or metal.
 struct ClothShading {
-    bool matte;
-    real3 albedo;               // matte only
+    bool matte;                 // no fabric
+    real3 albedo;               // not of fabrics; of metal its reflectance at normal incidence
+    real roughness;             // of metal: alpha of GGX; 0: no metal
     ClothSelection selection;   // fabric only
 };
 
@@ -15,12 +21,24 @@ struct ClothDirect {
     real3 value;     // radiance toward the viewer if nothing is in the way
 };
 
-CLOTH_FN ClothShading cloth_shade_matte(real3 albedo)
+// An object without fabric: metal where it has a roughness, matte otherwise.
+CLOTH_FN ClothShading cloth_shade_plain(real3 albedo, real roughness)
 {
     ClothShading shading;
-    shading.matte  = true;
-    shading.albedo = albedo;
+    shading.matte     = true;
+    shading.albedo    = albedo;
+    shading.roughness = roughness;
     return shading;
+}
+
+CLOTH_FN ClothShading cloth_shade_matte(real3 albedo)
+{
+    return cloth_shade_plain(albedo, real(0));
+}
+
+CLOTH_FN bool cloth_shading_is_metal(CLOTH_IN(ClothShading) shading)
+{
+    return CLOTH_METAL != 0 && shading.matte && shading.roughness > real(0);
 }
 
 CLOTH_FN ClothShading cloth_shade_fabric(ClothSelection selection)
@@ -28,6 +46,7 @@ CLOTH_FN ClothShading cloth_shade_fabric(ClothSelection selection)
     ClothShading shading;
     shading.matte     = false;
     shading.albedo    = real3(real(0));
+    shading.roughness = real(0);
     shading.selection = selection;
     return shading;
 }
@@ -36,6 +55,7 @@ CLOTH_FN ClothShading cloth_shade_fabric(ClothSelection selection)
 //   maps  of the fabric that the shading was chosen from; anything where it is matte
 CLOTH_FN real3 cloth_shading_value(CLOTH_IN(ClothMaps) maps, CLOTH_IN(ClothShading) shading, real3 wi, real3 wo, ClothSettings settings)
 {
+    if (cloth_shading_is_metal(shading)) return cloth_metal_value(shading.albedo, shading.roughness, wi, wo);
     if (shading.matte) return shading.albedo * (max(wi.z, real(0)) / cloth_pi);
     bool reflected = wi.z > real(0);
     int side       = shading.selection.side;
@@ -62,6 +82,7 @@ CLOTH_FN real cloth_interreflection_share(CLOTH_IN(ClothShading) shading, ClothS
 // Density of cloth_shading_sample [1/sr].
 CLOTH_FN real cloth_shading_pdf(CLOTH_IN(ClothShading) shading, real3 wi, real3 wo, ClothSettings settings)
 {
+    if (cloth_shading_is_metal(shading)) return cloth_metal_pdf(shading.roughness, wi, wo);
     real cosine = max(wi.z, real(0)) / cloth_pi;
     if (shading.matte) return cosine;
     return mix(cloth_point_pdf(shading.selection.texel.point, shading.selection.yarn, wi, wo), cosine,
@@ -71,6 +92,7 @@ CLOTH_FN real cloth_shading_pdf(CLOTH_IN(ClothShading) shading, real3 wi, real3 
 // A direction of light. u_lobe chooses the lobe, u the direction in it; all in [0, 1).
 CLOTH_FN ClothSample cloth_shading_sample(CLOTH_IN(ClothShading) shading, real3 wo, ClothSettings settings, real2 u_lobe, real2 u)
 {
+    if (cloth_shading_is_metal(shading)) return cloth_metal_sample(shading.roughness, wo, u);
     real share = shading.matte ? real(1) : cloth_interreflection_share(shading, settings);
     if (u_lobe.x < share) {
         real3 wi = cloth_cosine_sample(real3(real(0), real(0), real(1)), u);
@@ -109,7 +131,7 @@ CLOTH_FN ClothDirect cloth_direct(CLOTH_IN(ClothLights) lights, CLOTH_IN(ClothMa
     if (lights.count == 0) return none;
     real2 u_light           = cloth_draw(random, cloth_dim_light);
     ClothLightChoice choice = cloth_choose_light(lights, u_light.x);
-    bool both     = cloth_light_wants_bsdf(choice.light);
+    bool both     = cloth_light_wants_bsdf(choice.light, cloth_shading_is_metal(shading));
     bool use_bsdf = both && choice.u < real(0.5);
     real2 u_emit  = cloth_draw(random, use_bsdf ? cloth_dim_direction : cloth_dim_subtexel);
 

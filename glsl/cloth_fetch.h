@@ -7,6 +7,7 @@
 //   cloth_fetch_asg        two records of four numbers a texel: (mu.xyz, gamma), (sigma_x, sigma_y, amplitude, 0)
 //   cloth_fetch_slope_mip  index into the concatenated mip levels 1, 2, ...
 //   cloth_fetch_environment  rgb radiance, w density over UV (mean 1)
+//   cloth_fetch_emitter    triangle of a shining object
 //   cloth_fetch_alias      x threshold as a 32-bit fraction, y the other texel (alias method, Walker 1977)
 
 #ifdef __cplusplus
@@ -32,6 +33,7 @@ struct ClothLights {
     const ClothLight* lights     = nullptr;
     const real4* environment     = nullptr;
     const glm::uvec2* alias      = nullptr;
+    const ClothEmitter* emitters = nullptr;
 };
 
 inline uvec2 cloth_fetch_texel(const ClothMaps& maps, int side, ivec2 xy)
@@ -74,6 +76,10 @@ inline uvec2 cloth_fetch_alias(const ClothLights& lights, int texel)
 {
     return lights.alias[texel];
 }
+inline ClothEmitter cloth_fetch_emitter(const ClothLights& lights, int index)
+{
+    return lights.emitters[index];
+}
 
 #else
 
@@ -85,6 +91,7 @@ uniform samplerBuffer yarn_table;      // RGBA32F, five texels a yarn type
 uniform samplerBuffer light_table;     // RGBA32F, six texels a light
 uniform sampler2D environment_map;     // RGBA32F
 uniform usampler2D alias_map;          // RG32UI, as large as the environment
+uniform usamplerBuffer emitter_table;  // RGBA32UI, three texels a triangle
 
 struct ClothMaps {
     ivec2 size;
@@ -151,6 +158,11 @@ vec4 cloth_fetch_environment(ClothLights lights, ivec2 xy)
 uvec2 cloth_fetch_alias(ClothLights lights, int texel)
 {
     return texelFetch(alias_map, ivec2(texel % lights.environment_size.x, texel / lights.environment_size.x), 0).xy;
+}
+ClothEmitter cloth_fetch_emitter(ClothLights lights, int index)
+{
+    uvec4 a = texelFetch(emitter_table, index * 3), b = texelFetch(emitter_table, index * 3 + 1), c = texelFetch(emitter_table, index * 3 + 2);
+    return ClothEmitter(uintBitsToFloat(a.xyz), uintBitsToFloat(b.xyz), uintBitsToFloat(c.xyz), a.w, b.w);
 }
 
 #endif

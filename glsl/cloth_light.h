@@ -3,7 +3,7 @@
 
 // The kinds that can occur, as bits. A shader that is told which (CLOTH_LIGHT_KINDS) has no code for the others.
 #ifndef CLOTH_LIGHT_KINDS
-#define CLOTH_LIGHT_KINDS 63
+#define CLOTH_LIGHT_KINDS 127
 #endif
 CLOTH_FN bool cloth_light_is(ClothLight light, int kind)
 {
@@ -30,10 +30,22 @@ CLOTH_FN bool cloth_light_is_delta(ClothLight light)
            (cloth_light_is(light, cloth_light_directional) && light.shape.x <= real(0));
 }
 
-// Lights that BSDF sampling can find with profit: the environment and rectangles. A sun is too small for it.
-CLOTH_FN bool cloth_light_wants_bsdf(ClothLight light)
+// Objects of more triangles are not looked for by BSDF sampling: a ray would have to ask them all.
+CLOTH_CONST real cloth_emitter_hits_max = real(128);
+
+// Lights that BSDF sampling can find with profit: the environment, rectangles and small meshes; a sun only where the
+// surface is nearly a mirror, which is narrower than the sun.
+CLOTH_FN bool cloth_light_wants_bsdf(ClothLight light, bool mirror)
 {
-    return cloth_light_is(light, cloth_light_environment) || cloth_light_is(light, cloth_light_area);
+    return cloth_light_is(light, cloth_light_environment) || cloth_light_is(light, cloth_light_area) ||
+           (cloth_light_is(light, cloth_light_mesh) && light.shape.y <= cloth_emitter_hits_max) ||
+           (mirror && cloth_light_is(light, cloth_light_directional) && light.shape.x > real(0));
+}
+
+// Radiance that an object sends to whoever sees it by itself: from its front only.
+CLOTH_FN real3 cloth_emitted(ClothLight light, int side)
+{
+    return side == 0 ? light.radiance : real3(real(0));
 }
 
 // ---- environment: latitude-longitude, y up; u = 1/2 + atan2(x, -z) / 2 pi, v = acos(y) / pi from the top row ----------------
@@ -100,18 +112,29 @@ CLOTH_FN ClothLightSample cloth_light_sample(CLOTH_IN(ClothLights) lights, Cloth
         return ClothLightSample(normalize(wi), cloth_far,
                                 light.radiance / (cloth_pi * light.shape.x * (real(2) - light.shape.x)), pdf);
     }
-    real3 target = light.position;
-    if (cloth_light_is(light, cloth_light_area))
+    real3 target = light.position, facing = light.axis;
+    real area    = real(0);   // of an emitter that has one [m2]
+    if (cloth_light_is(light, cloth_light_area)) {
         target = target + light.edge_u * (real(2) * u.x - real(1)) + light.edge_v * (real(2) * u.y - real(1));
+        area   = real(4) * length(cross(light.edge_u, light.edge_v));
+    }
+    if (cloth_light_is(light, cloth_light_mesh)) {
+        int first         = int(light.shape.x);
+        ClothEmitter part = cloth_fetch_emitter(lights, first + int(cloth_multiply_high(bits.x, uint(light.shape.y))));
+        if (bits.y >= part.threshold) part = cloth_fetch_emitter(lights, first + int(part.other));
+        real root = sqrt(u.x);   // uniform in area (Turk 1990, "Generating random points in triangles")
+        target    = part.p0 + part.e1 * (real(1) - root) + part.e2 * (u.y * root);
+        facing    = normalize(cross(part.e1, part.e2));
+        area      = light.edge_u.x;
+    }
     real3 to   = target - position;
     real dist2 = dot(to, to);
     if (!(dist2 > real(1e-20))) return cloth_no_light();   // at zero distance there is no direction
     real distance = sqrt(dist2);
     real3 wi      = to / distance;
-    real cosine   = -dot(wi, light.axis);
-    if (cloth_light_is(light, cloth_light_area)) {
+    real cosine   = -dot(wi, facing);
+    if (area > real(0)) {
         if (cosine <= real(1e-6)) return cloth_no_light();   // as cloth_light_hit
-        real area = real(4) * length(cross(light.edge_u, light.edge_v));
         return ClothLightSample(wi, distance, light.radiance, dist2 / (cosine * area));
     }
     real lobe = real(1);
@@ -129,6 +152,32 @@ CLOTH_FN ClothLightSample cloth_light_hit(CLOTH_IN(ClothLights) lights, ClothLig
     if (cloth_light_is(light, cloth_light_environment)) {
         real4 seen = cloth_environment(lights, light, wi);
         return ClothLightSample(wi, cloth_far, real3(seen.x, seen.y, seen.z), seen.w);
+    }
+    if (cloth_light_is(light, cloth_light_directional)) {
+        real3 off = wi - light.axis;   // 1 - cos is half its square
+        if (!(real(0.5) * dot(off, off) <= light.shape.x) || light.shape.x <= real(0)) return cloth_no_light();
+        return ClothLightSample(wi, cloth_far, light.radiance / (cloth_pi * light.shape.x * (real(2) - light.shape.x)),
+                                real(1) / (real(2) * cloth_pi * light.shape.x));
+    }
+    if (cloth_light_is(light, cloth_light_mesh)) {
+        real3 centre = light.position - position;
+        real3 across = centre - wi * dot(centre, wi);
+        if (dot(across, across) > light.edge_u.y * light.edge_u.y) return cloth_no_light();
+        // The nearest triangle, whichever way it faces: the ray goes no further.
+        int first     = int(light.shape.x), count = int(light.shape.y);
+        real distance = cloth_far, cosine = real(0);
+        for (int k = 0; k < count; ++k) {   // Moeller & Trumbore 1997
+            ClothEmitter part = cloth_fetch_emitter(lights, first + k);
+            real3 p   = cross(wi, part.e2), s = position - part.p0;
+            real3 q   = cross(s, part.e1);
+            real det  = dot(part.e1, p);
+            real b1   = dot(s, p) / det, b2 = dot(wi, q) / det, t = dot(part.e2, q) / det;
+            if (!(b1 >= real(0) && b2 >= real(0) && b1 + b2 <= real(1) && t > real(0) && t < distance)) continue;
+            distance  = t;
+            cosine    = -dot(wi, normalize(cross(part.e1, part.e2)));
+        }
+        if (cosine <= real(1e-6)) return cloth_no_light();
+        return ClothLightSample(wi, distance, light.radiance, distance * distance / (cosine * light.edge_u.x));
     }
     if (cloth_light_is(light, cloth_light_area)) {
         real cosine = -dot(wi, light.axis);

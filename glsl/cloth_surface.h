@@ -40,6 +40,26 @@ struct ClothSurface {
     int side;           // 0: seen from the front (counter-clockwise), 1: from behind
 };
 
+// A thin lens: what its plane at a distance along `forward` shows is sharp.
+struct ClothLens {
+    real radius;     // [m]; 0: a pinhole
+    real distance;   // of the plane in focus [m], > 0
+};
+
+// The pinhole camera that one point of the lens is. Its `forward` is no longer unit, but its component along the old one
+// stays 1; a camera with radius 0 stays as it is, bit for bit.
+//   source  Cook, Porter & Carpenter 1984, "Distributed ray tracing"
+//   u       [0, 1)^2, point of the lens, uniform
+CLOTH_FN ClothCamera cloth_lens_camera(ClothCamera camera, ClothLens lens, real2 u)
+{
+    if (!(lens.radius > real(0))) return camera;
+    real r = lens.radius * sqrt(u.x), phi = real(2) * cloth_pi * u.y;
+    real3 offset = normalize(camera.right) * (r * cos(phi)) + normalize(camera.up) * (r * sin(phi));
+    camera.position = camera.position + offset;
+    camera.forward  = camera.forward - offset / lens.distance;
+    return camera;
+}
+
 // Ray through raster position (px, py), pixel (0, 0) at the top left.
 CLOTH_FN ClothRay cloth_camera_ray(ClothCamera camera, real2 raster)
 {

@@ -20,14 +20,24 @@ CLOTH_CONST int cloth_light_point       = 2;
 CLOTH_CONST int cloth_light_spot        = 3;
 CLOTH_CONST int cloth_light_area        = 4;   // one-sided rectangle
 CLOTH_CONST int cloth_light_flash       = 5;   // a phone's LED: point with a cosine lobe about its aim
+CLOTH_CONST int cloth_light_mesh        = 6;   // an object that shines from its front
 
 struct ClothLight {
     int kind;
     real pmf;          // probability of being chosen, > 0; they add up to 1
-    real3 position;    // [m]; area: centre
+    real3 position;    // [m]; area: centre; mesh: of a ball around it
     real3 axis;        // unit; directional: toward the light; others: the way it shines
-    real3 radiance;    // directional: irradiance at normal incidence [W/m2]; area: radiance; point, spot, flash: intensity [W/sr]; environment: scale
-    real3 edge_u;      // area: half edges [m]
+    real3 radiance;    // directional: irradiance at normal incidence [W/m2]; area, mesh: radiance; point, spot, flash: intensity [W/sr]; environment: scale
+    real3 edge_u;      // area: half edges [m]; mesh: x area [m2], y radius of the ball [m]
     real3 edge_v;
-    real2 shape;       // directional: x = 1 - cos(half diameter); spot: cos(cone), cos(cone - penumbra); environment: rotation about y [rad]
+    real2 shape;       // directional: x = 1 - cos(half diameter); spot: cos(cone), cos(cone - penumbra); environment: rotation about y [rad]; mesh: first triangle and count in the table of emitters
+};
+
+// A triangle of a shining object, and its row of the alias table that draws triangles by area (Walker 1977).
+struct ClothEmitter {
+    real3 p0;         // [m], world
+    real3 e1;         // p1 - p0, p2 - p0; counter-clockwise seen from the front
+    real3 e2;
+    uint threshold;   // 32-bit fraction: below, this triangle; otherwise
+    uint other;       // this one, counted from the light's first
 };

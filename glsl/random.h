@@ -11,6 +11,7 @@ CLOTH_CONST uint cloth_dim_emitter   = 5u;   // position on the light; texel of 
 CLOTH_CONST uint cloth_dim_subtexel  = 6u;   // position inside the environment's texel
 CLOTH_CONST uint cloth_dim_lobe      = 7u;   // which lobe of the BSDF; roulette
 CLOTH_CONST uint cloth_dim_direction = 8u;   // direction inside the lobe
+CLOTH_CONST uint cloth_dim_lens      = 9u;   // position on the camera's lens
 CLOTH_CONST uint cloth_dims_per_vertex = 16u;
 
 // Integer hash with low bias, all 32 bits avalanche.

@@ -10,7 +10,9 @@ struct SceneObject {
     int first_triangle;   // in triangle_table
     bool matte;
     bool gaps;            // rays may pass through
-    vec3 albedo;          // matte only
+    vec3 albedo;          // matte only, likewise:
+    float roughness;      // of metal; 0: none
+    int light;            // that the object is; -1: it does not shine
     ClothMaps maps;       // fabric only
 };
 
@@ -23,7 +25,8 @@ SceneObject fetch_object(int index)
     ivec4 e = ivec4(texelFetch(object_table, base + 4));
     vec4 f  = uintBitsToFloat(texelFetch(object_table, base + 5));
     uvec4 g = texelFetch(object_table, base + 6);
-    return SceneObject(a.x, a.y == 0, a.z != 0, uintBitsToFloat(d.xyz),
+    bool matte = a.y == 0;
+    return SceneObject(a.x, matte, a.z != 0, uintBitsToFloat(d.xyz), matte ? uintBitsToFloat(d.w) : 0.0, matte ? a.w - 1 : -1,
                        ClothMaps(b.xy, b.zw, c.xy, c.zw, e.xy, e.zw, a.w, uintBitsToFloat(g.xy), f.xy, f.zw, ivec2(g.zw), uintBitsToFloat(d.w)));
 }
 
@@ -43,8 +46,9 @@ ivec2 fetch_tile_base(SceneObject object, int triangle)
 // Row 0 of the framebuffer is the top row of the picture, so that gl_FragCoord is the raster position.
 ClothRay frame_ray(vec2 pixel_centre)
 {
-    ClothCamera camera = ClothCamera(frame.camera_position.xyz, frame.camera_forward.xyz, frame.camera_right.xyz,
-                                     frame.camera_up.xyz, frame.film.xy);
+    vec3 right = frame.camera_right.xyz, up = frame.camera_up.xyz;
+    ClothCamera camera = ClothCamera(frame.camera_position.xyz, frame.camera_forward.xyz + right * frame.lens.x + up * frame.lens.y,
+                                     right, up, frame.film.xy);
     return cloth_camera_ray(camera, pixel_centre + frame.film.zw);
 }
 

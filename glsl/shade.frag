@@ -1,6 +1,7 @@
 // Root: radiance of this frame's sample of every pixel; the blend unit adds it to the sum of the block.
 //   FABRIC  objects with fabric   GAPS  fabrics with gaps   MATTE  objects without   FOOTPRINT  several points a frame
 //   CONVEX  nothing is in the way in front of a triangle
+//   EMITTERS  objects that shine
 #include "interop.h"
 #include "cloth.h"
 #include "blocks.h"
@@ -70,11 +71,15 @@ void main()
         }
 #endif
 #ifdef MATTE
-        if (object.matte) shading = cloth_shade_matte(object.albedo);
+        if (object.matte) shading = cloth_shade_plain(object.albedo, object.roughness);
 #endif
         sum += direct_light(object.maps, surface, shading, random);
     }
     // A sample that is not a number counts as 0, as in the reference: it would spoil its pixel for ever.
     bool good = all(greaterThanEqual(sum, vec3(0.0))) && all(lessThan(sum, vec3(1e30)));
-    colour    = vec4(good ? sum / float(frame.random.z) : vec3(0.0), 1.0);
+    vec3 radiance = good ? sum / float(frame.random.z) : vec3(0.0);
+#ifdef EMITTERS
+    if (object.light >= 0) radiance += cloth_emitted(cloth_fetch_light(frame_lights(), object.light), surface.side);
+#endif
+    colour = vec4(radiance, 1.0);
 }

@@ -28,34 +28,11 @@ double row_measure(int y, int height)
     return std::cos(step * y) - std::cos(step * (y + 1));
 }
 
-// Alias table (Walker 1977, built as Vose 1991) and densities from unnormalised probabilities of the texels.
-//   source  Vose, "A linear algorithm for generating random numbers with a given distribution"
 void build_table(Environment& environment, const std::vector<double>& probability)
 {
-    const std::size_t count = probability.size();
-    double total = 0.0;
-    for (const double p : probability) total += p;
-    environment.alias.resize(count);
-    std::vector<double> scaled(count);
-    std::vector<std::uint32_t> small, large;
-    for (std::size_t i = 0; i < count; ++i) {
-        scaled[i] = probability[i] * double(count) / total;
-        environment.texels[i].w = float(scaled[i]);
-        (scaled[i] < 1.0 ? small : large).push_back(std::uint32_t(i));
-    }
-    while (!small.empty() && !large.empty()) {
-        const std::uint32_t low = small.back(), high = large.back();
-        small.pop_back();
-        environment.alias[low] = {std::uint32_t(std::min(scaled[low] * 4294967296.0, 4294967295.0)), high};
-        scaled[high] -= 1.0 - scaled[low];
-        if (scaled[high] < 1.0) {
-            large.pop_back();
-            small.push_back(high);
-        }
-    }
-    // What is left over is 1 up to rounding: it keeps itself.
-    for (const std::uint32_t i : small) environment.alias[i] = {0xffffffffu, i};
-    for (const std::uint32_t i : large) environment.alias[i] = {0xffffffffu, i};
+    std::vector<double> scaled;
+    environment.alias = alias_table(probability, scaled);
+    for (std::size_t i = 0; i < scaled.size(); ++i) environment.texels[i].w = float(scaled[i]);
 }
 
 // Halves a picture in both directions; the rows of a latitude-longitude picture are averaged as they are.
@@ -76,6 +53,35 @@ std::vector<glm::vec4> halved(const std::vector<glm::vec4>& texels, glm::ivec2 s
 }
 
 } // namespace
+
+std::vector<glm::uvec2> alias_table(const std::vector<double>& weights, std::vector<double>& scaled)
+{
+    const std::size_t count = weights.size();
+    double total = 0.0;
+    for (const double w : weights) total += w;
+    std::vector<glm::uvec2> table(count);
+    scaled.resize(count);
+    std::vector<std::uint32_t> small, large;
+    for (std::size_t i = 0; i < count; ++i) {
+        scaled[i] = weights[i] * double(count) / total;
+        (scaled[i] < 1.0 ? small : large).push_back(std::uint32_t(i));
+    }
+    std::vector<double> left = scaled;
+    while (!small.empty() && !large.empty()) {
+        const std::uint32_t low = small.back(), high = large.back();
+        small.pop_back();
+        table[low] = {std::uint32_t(std::min(left[low] * 4294967296.0, 4294967295.0)), high};
+        left[high] -= 1.0 - left[low];
+        if (left[high] < 1.0) {
+            large.pop_back();
+            small.push_back(high);
+        }
+    }
+    // What is left over is 1 up to rounding: it keeps itself.
+    for (const std::uint32_t i : small) table[i] = {0xffffffffu, i};
+    for (const std::uint32_t i : large) table[i] = {0xffffffffu, i};
+    return table;
+}
 
 Environment load_environment(const std::string& path, std::vector<std::string>& warnings)
 {

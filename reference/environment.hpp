@@ -20,6 +20,11 @@ Environment load_environment(const std::string& path, std::vector<std::string>& 
 // The same radiance everywhere: a table one texel wide, so that light sampling is uniform in solid angle.
 Environment constant_environment(glm::vec3 radiance);
 
+// Alias table of weights (not all 0): row k is drawn with probability 1 / n, and then stands for itself where 32 random
+// bits are below x, for row y otherwise (Walker 1977, built as Vose 1991).
+//   scaled  filled with each weight over the mean of all
+std::vector<glm::uvec2> alias_table(const std::vector<double>& weights, std::vector<double>& scaled);
+
 // Mean luminance over the sphere: pi times it is the irradiance on a surface in the open.
 double mean_luminance(const Environment& environment);
 

@@ -6,7 +6,6 @@
 #include <limits>
 
 #include "bake/error.hpp"
-#include "glsl/cloth_bsdf.hpp"
 
 namespace selvedge
 {
@@ -57,15 +56,12 @@ Image result_image(const RenderResult& result)
     return image;
 }
 
-Image display_image(const RenderResult& result, float exposure)
+Image display_image(const RenderResult& result, float exposure, const DisplayTransform& display)
 {
     Image image(result.width, result.height, {"R", "G", "B"});
-    std::size_t at = 0;
-    for (int y = 0; y < result.height; ++y)
-        for (int x = 0; x < result.width; ++x, ++at) {
-            const glm::vec3 colour = cloth::f32::cloth_display(result.mean[at], exposure);
-            for (int c = 0; c < 3; ++c) image.at(x, y)[c] = colour[c];
-        }
+    for (std::size_t at = 0; at < result.mean.size(); ++at)
+        for (int c = 0; c < 3; ++c) image.pixels[3 * at + std::size_t(c)] = result.mean[at][c];
+    display.apply(image.pixels.data(), result.mean.size(), exposure);
     return image;
 }
 
@@ -81,14 +77,19 @@ void check_result_path(const std::string& path)
         throw InputError(path, 0, "found no folder %s to write it into", folder.c_str());
     if (std::filesystem::is_directory(path, code))
         throw InputError(path, 0, "found a folder, expected a file to write");
+    if (extension == ".png") DisplayTransform::of_environment();
 }
 
 void write_result(const std::string& path, const RenderResult& result, float exposure, const ImageMetadata& metadata)
 {
     check_result_path(path);
-    if (lower_extension(path) == ".png")
-        write_png(path, display_image(result, exposure));
-    else
+    if (lower_extension(path) == ".png") {
+        const DisplayTransform display = DisplayTransform::of_environment();
+        Image image = display_image(result, exposure, display);
+        image.metadata = metadata;
+        image.metadata["selvedge:display"] = display.name();
+        write_png(path, image);
+    } else
         write_exr(path, result_image(result), metadata);
 }
 

@@ -8,6 +8,7 @@
 
 #include <glm/glm.hpp>
 
+#include "bake/display.hpp"
 #include "bake/image.hpp"
 
 namespace selvedge
@@ -35,13 +36,15 @@ struct RenderResult {
 // R, G, B, A, variance.R, variance.G, variance.B, samples, then the layers.
 Image result_image(const RenderResult& result);
 
-// The display transform of glsl/color.h; R, G, B in [0, 1].
-Image display_image(const RenderResult& result, float exposure);
+// Through the display transform; R, G, B in [0, 1].
+Image display_image(const RenderResult& result, float exposure, const DisplayTransform& display);
 
-// Writes `path`: .exr (float, everything) or .png (8 bits, exposed by `exposure` stops). Whole or not touched.
+// Writes `path`: .exr (float, everything) or .png (8 bits, exposed by `exposure` stops, through the display transform
+// that the environment asks for). Whole or not touched.
 //   throws  UsageError for another ending (check_result_path tells before the work is done); InputError as write_exr
 void write_result(const std::string& path, const RenderResult& result, float exposure, const ImageMetadata& metadata);
 void check_result_path(const std::string& path); // also: throws InputError where the folder does not exist
+                                                 // or $OCIO names no configuration
 
 // Sums of one pixel. Samples come in blocks of equal length; the spread of the block means is the error estimate, since
 // samples inside a block are stratified against each other and blocks are not. Even and odd blocks are summed apart:

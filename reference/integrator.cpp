@@ -27,7 +27,7 @@ namespace
 constexpr int tile_side = 16;
 constexpr int layer_limit = 1024;         // sheets that a ray passes through before it is given up
 constexpr std::uint32_t batch_size = 128; // samples; their state, 1 kB each, stays in the second-level cache
-constexpr std::uint32_t drawn_count = f32::cloth_dim_direction + 1;
+constexpr std::uint32_t drawn_count = f32::cloth_dim_lens + 1;
 
 // A bounce has no pixel; it sees as wide a spot as its lobe is wide: half the side of a square of solid angle 1/pdf. So
 // a diffuse bounce averages over repeats of a fabric, which is what it would do with many samples (math.md 10, hazard
@@ -152,7 +152,7 @@ struct Renderer::Batch {
 
 Renderer::Renderer(const Scene& scene, const RayScene& rays, const RenderSettings& settings)
     : scene_(scene), rays_(rays), settings_(settings), camera_(make_camera(scene.camera, settings.resolution)),
-      lights_(lights_of(scene))
+      lens_(lens_of(scene.camera)), lights_(lights_of(scene))
 {
     for (const SceneObject& object : scene.objects) {
         maps_.push_back(object.fabric >= 0 ? maps_of(scene.fabrics[std::size_t(object.fabric)]) : f32::ClothMaps{});
@@ -191,10 +191,15 @@ void Renderer::begin(Batch& batch, Counters&) const
     batch.alive_count = batch.count;
     for (std::uint32_t k = 0; k < batch.count; ++k) batch.alive[k] = k;
     batch.draw_alive({f32::cloth_dim_pixel});
+    const bool pinhole = lens_.radius <= 0.0f;
+    if (!pinhole) batch.draw_alive({f32::cloth_dim_lens});
     for (std::uint32_t k = 0; k < batch.count; ++k) {
         const glm::vec2 u = f32::cloth_draw(batch.random(k), f32::cloth_dim_pixel);
         const glm::vec2 centre = glm::vec2(batch.place[k]) + glm::vec2(0.5f);
-        batch.ray[k] = f32::cloth_camera_ray(camera_, centre + f32::cloth_filter_offset(scene_.film.filter, u));
+        const f32::ClothCamera camera =
+            pinhole ? camera_
+                    : f32::cloth_lens_camera(camera_, lens_, f32::cloth_draw(batch.random(k), f32::cloth_dim_lens));
+        batch.ray[k] = f32::cloth_camera_ray(camera, centre + f32::cloth_filter_offset(scene_.film.filter, u));
         batch.throughput[k] = glm::vec3(1.0f);
         batch.radiance[k] = glm::vec3(0.0f);
         batch.first_light[k] = glm::vec3(0.0f);
@@ -251,7 +256,7 @@ void Renderer::find_vertices(Batch& batch, bool camera, Counters& counters) cons
             vertex.distance = hit.distance;
             vertex.surface = f32::cloth_surface(triangle, batch.ray[lane]);
             if (object.fabric < 0) {
-                vertex.shading = f32::cloth_shade_matte(object.albedo);
+                vertex.shading = f32::cloth_shade_plain(object.albedo, object.roughness);
                 batch.met[lane] = true;
                 continue;
             }
@@ -444,6 +449,15 @@ void Renderer::trace(Batch& batch, RenderState& state, Counters& counters) const
     for (std::uint32_t lane = 0; lane < batch.count; ++lane)
         if (!batch.met[lane])
             batch.radiance[lane] = f32::cloth_background(lights_, glm::normalize(batch.ray[lane].direction));
+    // What shines is seen by camera rays alone: at a bounce cloth_direct has counted it.
+    for (std::uint32_t lane = 0; lane < batch.count && !scene_.emitters.empty(); ++lane) {
+        const int light = batch.met[lane] ? scene_.objects[batch.vertex[lane].object].light : -1;
+        if (light < 0) continue;
+        const glm::vec3 emitted =
+            f32::cloth_emitted(scene_.lights[std::size_t(light)], batch.vertex[lane].surface.side);
+        batch.radiance[lane] += emitted;
+        if (!batch.through[lane]) add_term(state, batch.pixel[lane], aov_index_emission, emitted);
+    }
     bool seen[batch_size]; // met[] is overwritten by bounces
     std::copy_n(batch.met, batch.count, seen);
     if (aov_channels_ > 0) {

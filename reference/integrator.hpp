@@ -37,6 +37,7 @@ enum class Integrator { direct, path };
     ROW(transmission_diffuse, "R,G,B", samples, "direct light from behind: diffuse transmission")                      \
     ROW(multiple_scattering, "R,G,B", samples, "direct light that yarns reflect onto each other")                      \
     ROW(matte, "R,G,B", samples, "direct light on objects without fabric")                                             \
+    ROW(emission, "R,G,B", samples, "what a camera ray sees of objects that shine")                                    \
     ROW(delta, "R,G,B", samples, "all that a camera ray sees through gaps and between the fibres of a cloth")          \
     ROW(background, "R,G,B", samples, "environment that a camera ray meets at once")                                   \
     ROW(indirect, "R,G,B", samples, "light after a bounce (integrator path)")
@@ -70,8 +71,8 @@ enum AovBit : unsigned {
 };
 
 inline constexpr unsigned aov_terms = aov_reflection_specular | aov_reflection_diffuse | aov_transmission_specular |
-                                      aov_transmission_diffuse | aov_multiple_scattering | aov_matte | aov_delta |
-                                      aov_background | aov_indirect;
+                                      aov_transmission_diffuse | aov_multiple_scattering | aov_matte | aov_emission |
+                                      aov_delta | aov_background | aov_indirect;
 
 int aov_channels(const AovRow& row);
 int aov_channels(unsigned aovs); // of all layers together
@@ -157,6 +158,7 @@ class Renderer
     const RayScene& rays_;
     RenderSettings settings_;
     cloth::f32::ClothCamera camera_;
+    cloth::f32::ClothLens lens_;
     cloth::f32::ClothLights lights_;
     std::vector<cloth::f32::ClothMaps> maps_;       // per object
     bool any_fabric_ = false, delta_lights_ = true; // delta: no light has extent

@@ -4,17 +4,14 @@
 #include <cmath>
 #include <csignal>
 #include <cstdio>
-#include <cstdlib>
+#include <cstring>
 #include <filesystem>
 #include <limits>
-#include <map>
 #include <memory>
-#include <set>
 
 #include <sys/resource.h>
 #include <unistd.h>
 
-#include <CLI/CLI.hpp>
 #include <nlohmann/json.hpp>
 #include <tbb/global_control.h>
 #include <tbb/task_arena.h>
@@ -27,6 +24,7 @@
 #include "reference/integrator.hpp"
 #include "reference/model.hpp"
 #include "reference/rays.hpp"
+#include "reference/render_options.hpp"
 #include "reference/scene.hpp"
 
 namespace
@@ -36,179 +34,8 @@ using namespace selvedge;
 namespace f32 = cloth::f32;
 using Clock = std::chrono::steady_clock;
 
-constexpr const char* program = "selvedge-render";
-constexpr std::uint64_t default_samples = 64;
-constexpr std::uint64_t sample_limit = 1u << 24; // counts stay exact in the float layer `samples`
-constexpr double pass_seconds = 0.25;            // a pass is as many samples as fit: SIGINT and --time wait for one
+constexpr double pass_seconds = 0.25; // a pass is as many samples as fit: SIGINT and --time wait for one
 constexpr double forever = std::numeric_limits<double>::infinity();
-
-struct Options {
-    std::string scene;
-    std::vector<std::string> outputs;
-    std::uint64_t samples = 0; // 0: no limit
-    double time_s = 0.0;       // 0: no limit
-    double target_error = 0.0; // 0: no limit
-    Integrator integrator = Integrator::direct;
-    int max_depth = 32;
-    ModelOptions model;
-    std::uint32_t seed = 0;
-    int threads = 0;             // 0: all
-    glm::ivec2 resolution{0, 0}; // 0: the scene's
-    glm::ivec4 region{-1};       // -1: all
-    unsigned aovs = 0;
-    bool resume = false, json = false, quiet = false;
-    double checkpoint_s = 0.0; // 0: no checkpoints
-    Overrides overrides;
-};
-
-// ---- command line
-// ----------------------------------------------------------------------------------------------------------
-
-// CLI::Range lets NaN through.
-CLI::Validator between(double low, double high)
-{
-    return {[=](std::string& text) {
-                const double value = std::strtod(text.c_str(), nullptr);
-                return value >= low && value <= high
-                           ? ""
-                           : format_text("found %s, expected %g to %g", text.c_str(), low, high);
-            },
-            ""};
-}
-
-std::vector<int> parse_integers(const char* option, const std::string& text, std::size_t count, const char* form)
-{
-    std::vector<int> numbers;
-    for (std::size_t from = 0; from <= text.size();) {
-        const std::size_t comma = std::min(text.find(',', from), text.size());
-        const std::string word = text.substr(from, comma - from);
-        if (word.empty() || word.size() > 7 || word.find_first_not_of("0123456789") != std::string::npos) break;
-        numbers.push_back(std::stoi(word));
-        from = comma + 1;
-    }
-    const std::size_t commas = std::size_t(std::count(text.begin(), text.end(), ','));
-    if (numbers.size() != count || commas + 1 != count)
-        throw UsageError("%s: found '%s', expected %s", option, text.c_str(), form);
-    return numbers;
-}
-
-// `later`: words of the contract that this version cannot do; they are refused, never taken for something else.
-int parse_word(const char* option, const std::string& word,
-               std::initializer_list<std::pair<const char*, int>> available, const std::set<std::string>& later = {})
-{
-    std::string known;
-    for (const auto& [name, value] : available) {
-        if (word == name) return value;
-        known += (known.empty() ? "" : ", ") + std::string(name);
-    }
-    if (later.count(word))
-        throw UsageError("%s: '%s' is not available in this version, expected one of %s", option, word.c_str(),
-                         known.c_str());
-    throw UsageError("%s: found '%s', expected one of %s", option, word.c_str(), known.c_str());
-}
-
-unsigned parse_aovs(const std::vector<std::string>& lists)
-{
-    unsigned bits = 0;
-    for (const std::string& list : lists)
-        for (std::size_t from = 0; from <= list.size();) {
-            const std::size_t comma = std::min(list.find(',', from), list.size());
-            const std::string word = list.substr(from, comma - from);
-            from = comma + 1;
-            if (word == "variance" || word == "samples") continue; // always there
-            std::string known;
-            bool found = false;
-            for (int k = 0; k < aov_count; ++k) {
-                if (word == aov_rows[k].name) bits |= 1u << k, found = true;
-                known += std::string(aov_rows[k].name) + ", ";
-            }
-            if (!found)
-                throw UsageError("--aov: found '%s', expected some of %svariance, samples", word.c_str(),
-                                 known.c_str());
-        }
-    return bits;
-}
-
-std::string aov_help()
-{
-    std::string help = "NAME,...: further layers (variance and samples are always there).";
-    for (const AovRow& row : aov_rows) help += format_text(" %s: %s.", row.name, row.help);
-    return help;
-}
-
-Options parse_options(int argc, char** argv, bool& done)
-{
-    Options options;
-    std::string integrator = "direct", resolution, region;
-    std::vector<std::string> aovs;
-    bool version = false;
-    CLI::App app("Renders a scene of cloth with the reference: shared shading source, Embree rays.", program);
-    app.add_option("scene", options.scene, "SCENE.json");
-    app.add_option("-o,--output", options.outputs, "OUT.exr (all layers) or OUT.png (display transform); repeatable")
-        ->allow_extra_args(false);
-    app.add_option("--spp", options.samples, "stop after N samples per pixel (default 64 where nothing else ends it)")
-        ->check(between(1, double(sample_limit)));
-    app.add_option("--time", options.time_s, "stop after SECONDS of rendering")->check(between(1e-3, 1e9));
-    app.add_option("--target-error", options.target_error,
-                   "stop about this estimated relMSE; samples go where they lower it most")
-        ->check(between(1e-12, 1e6));
-    app.add_option("--integrator", integrator, "direct (default), path");
-    app.add_option("--max-depth", options.max_depth,
-                   "path: surfaces that scatter along a path, 1 to 1024 (default 32; 1 is direct)")
-        ->check(between(1, 1024));
-    options.model.add_to(app);
-    app.add_option("--seed", options.seed, "of all random numbers (default 0)")->check(between(0, 4294967295.0));
-    app.add_option("--threads", options.threads, "threads (default: all cores)")->check(between(1, 1024));
-    app.add_option("--resolution", resolution, "WIDTH,HEIGHT instead of the scene's");
-    app.add_option("--region", region,
-                   "X0,Y0,X1,Y1: only pixels X0 <= x < X1, Y0 <= y < Y1; the rest of the picture stays 0");
-    app.add_option("--aov", aovs, aov_help())->allow_extra_args(false);
-    app.add_flag("--resume", options.resume, "go on from the checkpoint beside OUT, where there is one");
-    app.add_option("--checkpoint", options.checkpoint_s, "write OUT.checkpoint every SECONDS and at the end")
-        ->check(between(1e-3, 1e9));
-    app.add_option("-D", options.overrides,
-                   "path.to.key=value: overrides a value of the scene, or of fabrics (fabric.KEY for all, "
-                   "objects.N.fabric.KEY for one)")
-        ->allow_extra_args(false);
-    app.add_flag("--json", options.json, "one JSON object on stdout");
-    app.add_flag("-q,--quiet", options.quiet, "no progress, no warnings, no summary");
-    app.add_flag("-V,--version", version, "version, git revision, libraries");
-    try {
-        app.parse(argc, argv);
-    } catch (const CLI::CallForHelp&) {
-        std::fputs(app.help().c_str(), stdout);
-        done = true;
-        return options;
-    } catch (const CLI::ParseError& error) {
-        throw UsageError("%s", error.what());
-    }
-    if (version) {
-        std::map<std::string, std::string> libraries = image_library_versions();
-        libraries["Embree"] = embree_version();
-        std::fputs(version_text(program, libraries).c_str(), stdout);
-        done = true;
-        return options;
-    }
-    if (options.scene.empty()) throw UsageError("no scene, expected SCENE.json");
-    if (options.outputs.empty()) throw UsageError("no -o, expected OUT.exr or OUT.png");
-    options.integrator = Integrator(
-        parse_word("--integrator", integrator, {{"direct", int(Integrator::direct)}, {"path", int(Integrator::path)}}));
-    options.model.prepend_to(options.overrides);
-    if (!resolution.empty()) {
-        const std::vector<int> n = parse_integers("--resolution", resolution, 2, "WIDTH,HEIGHT");
-        if (n[0] < 1 || n[1] < 1 || n[0] > 16384 || n[1] > 16384)
-            throw UsageError("--resolution: found '%s', expected 1 to 16384 each", resolution.c_str());
-        options.resolution = {n[0], n[1]};
-    }
-    if (!region.empty()) {
-        const std::vector<int> n = parse_integers("--region", region, 4, "X0,Y0,X1,Y1");
-        options.region = {n[0], n[1], n[2], n[3]};
-    }
-    options.aovs = parse_aovs(aovs);
-    for (const std::string& path : options.outputs) check_result_path(path);
-    if (options.samples == 0 && options.time_s == 0.0 && options.target_error == 0.0) options.samples = default_samples;
-    return options;
-}
 
 // ---- interruption, progress
 // ------------------------------------------------------------------------------------------------
@@ -226,11 +53,24 @@ double seconds_since(Clock::time_point start)
     return std::chrono::duration<double>(Clock::now() - start).count();
 }
 
+// "45 s", "12 min 5 s", "3 h 20 min"
+std::string duration_text(double seconds)
+{
+    const auto whole = static_cast<long long>(std::min(seconds, 1e12) + 0.5);
+    if (whole < 60) return format_text("%lld s", whole);
+    if (whole < 3600) return format_text("%lld min %lld s", whole / 60, whole % 60);
+    return format_text("%lld h %lld min", whole / 3600, whole / 60 % 60);
+}
+
 // One line that overwrites itself, on a terminal only.
 class Progress
 {
   public:
-    explicit Progress(bool quiet) : shown_(!quiet && isatty(STDERR_FILENO) == 1) {}
+    // `label` goes before the bar; `pictures_left` come after this one, and are taken to need as long.
+    Progress(bool quiet, std::string label, int pictures_left)
+        : shown_(!quiet && isatty(STDERR_FILENO) == 1), label_(std::move(label)), pictures_left_(pictures_left)
+    {
+    }
     ~Progress() { clear(); }
     void show(double done, std::uint64_t samples, double error, double seconds)
     {
@@ -239,10 +79,12 @@ class Progress
         const int full = int(std::clamp(done, 0.0, 1.0) * width);
         std::string bar(std::size_t(full), '=');
         bar.resize(width, ' ');
-        std::string line = format_text("\r[%s] %3d %%  %llu spp", bar.c_str(), int(100.0 * std::clamp(done, 0.0, 1.0)),
-                                       static_cast<unsigned long long>(samples));
+        std::string line =
+            format_text("\r%s[%s] %3d %%  %llu spp", label_.c_str(), bar.c_str(),
+                        int(100.0 * std::clamp(done, 0.0, 1.0)), static_cast<unsigned long long>(samples));
         if (std::isfinite(error)) line += format_text("  error %.2e", error);
-        if (done > 0.0 && done < 1.0) line += format_text("  %.0f s left", seconds * (1.0 - done) / done);
+        if (done > 0.0 && done < 1.0)
+            line += "  " + duration_text(seconds / done * (1.0 - done + double(pictures_left_))) + " left";
         std::fprintf(stderr, "%s\033[K", line.c_str());
         std::fflush(stderr);
         drawn_ = true;
@@ -255,10 +97,21 @@ class Progress
 
   private:
     bool shown_, drawn_ = false;
+    std::string label_;
+    int pictures_left_;
 };
 
 // ---- the job
 // ---------------------------------------------------------------------------------------------------------------
+
+// One picture: the files, the scene's settings, and what the sequence does to the scene.
+struct Job {
+    std::vector<std::string> outputs;
+    Overrides overrides;
+    double turn_degrees = 0.0;
+    std::string label;     // "picture 3 of 36  " before the progress bar
+    int pictures_left = 0; // after this one
+};
 
 struct Outcome {
     std::unique_ptr<Renderer> renderer;
@@ -271,7 +124,7 @@ struct Outcome {
     const char* stopped_by = "samples";
 };
 
-RenderSettings settings_of(const Options& options, const Scene& scene)
+RenderSettings settings_of(const RenderOptions& options, const Scene& scene)
 {
     RenderSettings settings;
     settings.integrator = options.integrator;
@@ -291,7 +144,7 @@ RenderSettings settings_of(const Options& options, const Scene& scene)
 
 // Blocks are as long as the number of samples allows, at least 16 of them. Where only the time is known, the first
 // sample tells how many fit; where only the error is known, 16 samples a block.
-void choose_blocks(Outcome& outcome, const Options& options, const Scene& scene, const RayScene& rays,
+void choose_blocks(Outcome& outcome, const RenderOptions& options, const Scene& scene, const RayScene& rays,
                    RenderSettings settings)
 {
     std::uint64_t planned = options.samples;
@@ -314,7 +167,7 @@ void choose_blocks(Outcome& outcome, const Options& options, const Scene& scene,
         for (PixelSums& sums : outcome.state.pixels) sums.finish_block(0);
 }
 
-void render(Outcome& outcome, const Options& options, const Scene& scene, const RayScene& rays,
+void render(Outcome& outcome, const RenderOptions& options, const Job& job, const Scene& scene, const RayScene& rays,
             const std::string& checkpoint_path)
 {
     RenderSettings settings = settings_of(options, scene);
@@ -343,7 +196,7 @@ void render(Outcome& outcome, const Options& options, const Scene& scene, const 
         write_checkpoint(checkpoint_path, owner,
                          {renderer.settings().block_length, outcome.resumed_seconds + seconds_since(start), state});
     };
-    Progress progress(options.quiet);
+    Progress progress(options.quiet, job.label, job.pictures_left);
     std::uint64_t blocks_judged = 0;
     double per_sample = 0.0, saved = 0.0;
     outcome.error = renderer.error(state);
@@ -377,7 +230,8 @@ void render(Outcome& outcome, const Options& options, const Scene& scene, const 
         progress.show(done, state.samples, outcome.error, seconds);
 
         // As many samples as take one pass, no further than the next block where an error is waited for.
-        double room = per_sample > 0.0 ? std::min(pass_seconds, time_limit - seconds) / per_sample : 1.0;
+        const double pass = keeps_checkpoints ? std::min(pass_seconds, options.checkpoint_s) : pass_seconds;
+        double room = per_sample > 0.0 ? std::min(pass, time_limit - seconds) / per_sample : 1.0;
         if (options.target_error > 0.0)
             room = std::min(
                 room, double(renderer.settings().block_length - state.samples % renderer.settings().block_length));
@@ -394,7 +248,8 @@ void render(Outcome& outcome, const Options& options, const Scene& scene, const 
     progress.clear();
     outcome.error = renderer.error(state);
     outcome.seconds = outcome.resumed_seconds + seconds_since(start);
-    if (keeps_checkpoints || (options.resume && interrupted)) save();
+    // A sequence is gone on with by --resume whether or not checkpoints were asked for: it is long.
+    if (keeps_checkpoints || (interrupted && (options.resume || options.sequence.any()))) save();
 }
 
 nlohmann::json skipped_json(const Scene& scene, const RayScene& rays, const Outcome& outcome)
@@ -421,36 +276,57 @@ std::string number_text(double value)
     return format_text("%.9g", value);
 }
 
-int run(int argc, char** argv)
+// What a picture holds when it is complete: in its header, so that --resume knows it again.
+std::string work_text(const RenderOptions& options, const Scene& scene, const RenderSettings& settings)
 {
-    bool done = false;
-    const Options options = parse_options(argc, argv, done);
-    if (done) return 0;
-    const int threads = options.threads > 0 ? options.threads : tbb::this_task_arena::max_concurrency();
-    tbb::global_control limit(tbb::global_control::max_allowed_parallelism, std::size_t(threads));
-    tbb::task_arena arena(threads);
+    return checkpoint_owner(scene, settings) + format_text(", %llu spp, %.9g s, error %.9g",
+                                                           static_cast<unsigned long long>(options.samples),
+                                                           options.time_s, options.target_error);
+}
 
+bool is_complete(const std::vector<std::string>& outputs, const std::string& work)
+{
+    for (const std::string& path : outputs) {
+        std::error_code code;
+        if (!std::filesystem::exists(path, code)) return false;
+        const ImageMetadata found = read_metadata(path);
+        const auto text = found.find("selvedge:work");
+        if (text == found.end() || text->second != work) return false;
+    }
+    return true;
+}
+
+// Loads, renders and writes one picture; the report for --json, null where the picture was complete already or a signal
+// came before rendering began.
+nlohmann::json render_picture(const RenderOptions& options, const Job& job, tbb::task_arena& arena, int threads,
+                              const ImageMetadata& provenance)
+{
     Scene scene;
-    arena.execute([&] { scene = load_scene(options.scene, options.overrides); });
-    settings_of(options, scene); // a wrong --region is told before the tree is built
+    arena.execute([&] { scene = load_scene(options.scene, job.overrides); });
+    if (job.turn_degrees != 0.0) turn_scene(scene, options.sequence.turned, job.turn_degrees);
+    // A wrong --region is told before the tree is built.
+    const std::string work = work_text(options, scene, settings_of(options, scene));
+    if (options.sequence.any() && options.resume && is_complete(job.outputs, work)) return {};
     if (!options.quiet)
         for (const std::string& warning : scene.warnings)
-            std::fprintf(stderr, "%s: warning: %s\n", program, warning.c_str());
+            std::fprintf(stderr, "%s: warning: %s\n", render_program, warning.c_str());
 
     const auto build_start = Clock::now();
     const RayScene rays(scene);
     const double build_seconds = seconds_since(build_start);
 
+    if (interrupted) return {};
     std::signal(SIGINT, on_signal);
     std::signal(SIGTERM, on_signal);
-    const std::string checkpoint_path = options.outputs.front() + ".checkpoint";
+    const std::string checkpoint_path = job.outputs.front() + ".checkpoint";
     Outcome outcome;
-    arena.execute([&] { render(outcome, options, scene, rays, checkpoint_path); });
+    arena.execute([&] { render(outcome, options, job, scene, rays, checkpoint_path); });
+    const bool complete = std::strcmp(outcome.stopped_by, "signal") != 0;
 
     const RenderState& state = outcome.state;
     const RenderSettings& settings = outcome.renderer->settings();
     const RenderResult result = outcome.renderer->result(state);
-    ImageMetadata metadata = provenance(argc, argv);
+    ImageMetadata metadata = provenance;
     metadata["selvedge:scene"] = options.scene;
     metadata["selvedge:scene_hash"] = scene.hash;
     metadata["selvedge:seed"] = std::to_string(options.seed);
@@ -458,56 +334,96 @@ int run(int argc, char** argv)
     metadata["selvedge:seconds"] = number_text(outcome.seconds);
     metadata["selvedge:integrator"] = settings.integrator == Integrator::direct ? "direct" : "path";
     metadata["selvedge:block_length"] = std::to_string(settings.block_length);
-    for (const std::string& path : options.outputs) write_result(path, result, scene.film.exposure, metadata);
+    if (complete) metadata["selvedge:work"] = work;
+    for (const std::string& path : job.outputs) write_result(path, result, scene.film.exposure, metadata);
+    // Complete pictures of a sequence are known by their headers; their checkpoints would fill the disk.
+    std::error_code ignored;
+    if (complete && options.sequence.any()) std::filesystem::remove(checkpoint_path, ignored);
 
     const std::uint64_t pixels = state.pixels.size();
     if (state.bad_samples > 0 && !options.quiet)
-        std::fprintf(stderr, "%s: warning: %llu of %llu samples were not finite or negative and count as 0\n", program,
-                     static_cast<unsigned long long>(state.bad_samples),
+        std::fprintf(stderr, "%s: warning: %llu of %llu samples were not finite or negative and count as 0\n",
+                     render_program, static_cast<unsigned long long>(state.bad_samples),
                      static_cast<unsigned long long>(state.samples * pixels));
     const double own_seconds = outcome.seconds - outcome.resumed_seconds;
     const double taken = double(state.samples * pixels - state.skipped), spp_mean = taken / double(pixels);
     const double rate = (spp_mean - outcome.resumed_samples_mean) * double(pixels) / std::max(own_seconds, 1e-9);
-    if (options.json) {
-        struct rusage usage {
-        };
-        getrusage(RUSAGE_SELF, &usage);
-        nlohmann::json json{
-            {"scene", options.scene},
-            {"scene_hash", scene.hash},
-            {"output", options.outputs},
-            {"seconds",
-             {{"load", scene.seconds_load},
-              {"bake", scene.seconds_bake},
-              {"build", build_seconds},
-              {"render", outcome.seconds}}},
-            {"resolution", {settings.resolution.x, settings.resolution.y}},
-            {"region", {settings.region.x, settings.region.y, settings.region.z, settings.region.w}},
-            {"integrator", metadata["selvedge:integrator"]},
-            {"model", model_json(scene.model)},
-            {"samples", state.samples * pixels - state.skipped},
-            {"spp_mean", spp_mean},
-            {"block_length", settings.block_length},
-            {"samples_per_second", rate},
-            {"rays", state.rays + state.shadow_rays},
-            {"shadow_rays", state.shadow_rays},
-            {"bad_samples", state.bad_samples},
-            {"error_estimate", std::isfinite(outcome.error) ? nlohmann::json(outcome.error) : nlohmann::json()},
-            {"stopped_by", outcome.stopped_by},
-            {"resumed_samples", outcome.resumed_samples},
-            {"threads", threads},
-            {"triangles", rays.needs().triangles},
-            {"peak_rss_bytes", std::uint64_t(usage.ru_maxrss) * 1024},
-            {"skipped", skipped_json(scene, rays, outcome)},
-            {"warnings", scene.warnings},
-        };
-        std::printf("%s\n", json.dump(-1, ' ', false, nlohmann::json::error_handler_t::replace).c_str());
-    } else if (!options.quiet) {
-        std::printf("%s: %d x %d, %llu spp in %.2f s, %.3g samples/s", options.outputs.front().c_str(), result.width,
+    if (!options.json && !options.quiet) {
+        std::printf("%s: %d x %d, %llu spp in %.2f s, %.3g samples/s", job.outputs.front().c_str(), result.width,
                     result.height, static_cast<unsigned long long>(state.samples), outcome.seconds, rate);
         if (std::isfinite(outcome.error)) std::printf(", estimated relMSE %.3g", outcome.error);
         std::printf("\n");
     }
+    struct rusage usage {
+    };
+    getrusage(RUSAGE_SELF, &usage);
+    return {
+        {"scene", options.scene},
+        {"scene_hash", scene.hash},
+        {"output", job.outputs},
+        {"seconds",
+         {{"load", scene.seconds_load},
+          {"bake", scene.seconds_bake},
+          {"build", build_seconds},
+          {"render", outcome.seconds}}},
+        {"resolution", {settings.resolution.x, settings.resolution.y}},
+        {"region", {settings.region.x, settings.region.y, settings.region.z, settings.region.w}},
+        {"integrator", metadata["selvedge:integrator"]},
+        {"model", model_json(scene.model)},
+        {"samples", state.samples * pixels - state.skipped},
+        {"spp_mean", spp_mean},
+        {"block_length", settings.block_length},
+        {"samples_per_second", rate},
+        {"rays", state.rays + state.shadow_rays},
+        {"shadow_rays", state.shadow_rays},
+        {"bad_samples", state.bad_samples},
+        {"error_estimate", std::isfinite(outcome.error) ? nlohmann::json(outcome.error) : nlohmann::json()},
+        {"stopped_by", outcome.stopped_by},
+        {"resumed_samples", outcome.resumed_samples},
+        {"threads", threads},
+        {"triangles", rays.needs().triangles},
+        {"peak_rss_bytes", std::uint64_t(usage.ru_maxrss) * 1024},
+        {"skipped", skipped_json(scene, rays, outcome)},
+        {"warnings", scene.warnings},
+    };
+}
+
+// Pictures of a sequence one after the other, or the one picture.
+nlohmann::json render_all(const RenderOptions& options, tbb::task_arena& arena, int threads,
+                          const ImageMetadata& provenance)
+{
+    const Sequence& sequence = options.sequence;
+    if (!sequence.any())
+        return render_picture(options, {options.outputs, options.overrides, 0.0, "", 0}, arena, threads, provenance);
+    nlohmann::json pictures = nlohmann::json::array();
+    int complete = 0;
+    for (int frame = sequence.first; frame <= sequence.last && !interrupted; ++frame) {
+        Job job;
+        for (const std::string& path : options.outputs) job.outputs.push_back(frame_path(path, frame));
+        job.overrides = frame_overrides(options.overrides, frame);
+        if (sequence.turntable > 0) job.turn_degrees = 360.0 * frame / sequence.turntable;
+        job.label = format_text("picture %d of %d  ", frame - sequence.first + 1, sequence.last - sequence.first + 1);
+        job.pictures_left = sequence.last - frame;
+        const nlohmann::json report = render_picture(options, job, arena, threads, provenance);
+        if (!report.is_null())
+            pictures.push_back(report);
+        else if (!interrupted)
+            ++complete;
+    }
+    return {{"pictures", pictures}, {"complete_before", complete}, {"turntable", sequence.turntable}};
+}
+
+int run(int argc, char** argv)
+{
+    bool done = false;
+    const RenderOptions options = parse_render_options(argc, argv, done);
+    if (done) return 0;
+    const int threads = options.threads > 0 ? options.threads : tbb::this_task_arena::max_concurrency();
+    tbb::global_control limit(tbb::global_control::max_allowed_parallelism, std::size_t(threads));
+    tbb::task_arena arena(threads);
+    const nlohmann::json report = render_all(options, arena, threads, provenance(argc, argv));
+    if (options.json)
+        std::printf("%s\n", report.dump(-1, ' ', false, nlohmann::json::error_handler_t::replace).c_str());
     return 0;
 }
 
@@ -515,5 +431,5 @@ int run(int argc, char** argv)
 
 int main(int argc, char** argv)
 {
-    return selvedge::run_program(program, [&] { return run(argc, argv); });
+    return selvedge::run_program(render_program, [&] { return run(argc, argv); });
 }

@@ -154,6 +154,23 @@ f32::ClothLight read_environment(const JsonValue& value, Scene& scene)
     return light;
 }
 
+// A rectangle that is seen: an object of two triangles that face the way the light shines.
+SceneObject shining_rectangle(const f32::ClothLight& light, const std::string& name)
+{
+    SceneObject object;
+    object.name = name;
+    object.albedo = glm::vec3(0.0f);
+    object.emission = light.radiance;
+    for (const glm::vec2 corner : {glm::vec2(-1, -1), glm::vec2(-1, 1), glm::vec2(1, 1), glm::vec2(1, -1)}) {
+        object.mesh.positions.push_back(light.position + light.edge_u * corner.x + light.edge_v * corner.y);
+        object.mesh.normals.push_back(light.axis);
+    }
+    object.mesh.triangles = {{0, 1, 2}, {0, 2, 3}};
+    object.mesh.corner_tiles.assign(6, glm::vec2(0.0f));
+    object.mesh.tile_base.assign(2, glm::ivec2(0));
+    return object;
+}
+
 f32::ClothLight read_light(const JsonValue& value, Scene& scene)
 {
     const std::string type = value["type"].choice({"environment", "directional", "point", "spot", "area", "flash"});
@@ -186,7 +203,7 @@ f32::ClothLight read_light(const JsonValue& value, Scene& scene)
         return light;
     }
     if (type == "area") {
-        value.expect_object({"type", "position", "target", "size", "radiance"});
+        value.expect_object({"type", "position", "target", "size", "radiance", "visible"});
         f32::ClothLight light = blank_light(f32::cloth_light_area);
         read_aim(light, value);
         light.radiance = value["radiance"].number_or_vector3(0.0, bright_limit);
@@ -214,6 +231,7 @@ double expected_irradiance(const f32::ClothLight& light, const Environment& envi
     if (light.kind == f32::cloth_light_directional) return l;
     const glm::dvec3 to = centre - glm::dvec3(light.position);
     const double distance2 = std::max(glm::dot(to, to), 0.25 * radius * radius + 1e-12);
+    if (light.kind == f32::cloth_light_mesh) return l * 0.5 * double(light.edge_u.x) / distance2;
     if (light.kind == f32::cloth_light_area)
         return l * 4.0 * glm::length(glm::cross(glm::dvec3(light.edge_u), glm::dvec3(light.edge_v))) / distance2;
     return l / distance2;
@@ -227,10 +245,10 @@ void choose_probabilities(Scene& scene)
     const bool cloth =
         std::any_of(scene.objects.begin(), scene.objects.end(), [](const SceneObject& o) { return o.fabric >= 0; });
     for (const SceneObject& object : scene.objects)
-        if (object.fabric >= 0 || !cloth)
+        if (object.fabric >= 0 || (!cloth && object.light < 0))
             for (const glm::vec3& p : object.mesh.positions)
                 low = glm::min(low, glm::dvec3(p)), high = glm::max(high, glm::dvec3(p));
-    if (scene.objects.empty()) low = high = glm::dvec3(0.0);
+    if (!(low.x <= high.x)) low = high = glm::dvec3(0.0);
     const glm::dvec3 centre = 0.5 * (low + high);
     const double radius = 0.5 * glm::length(high - low);
     std::vector<double> share;
@@ -256,8 +274,25 @@ void read_lights(const JsonValue& value, Scene& scene)
             if (environment) scene.environment = {};
             continue;
         }
+        if (light.kind == f32::cloth_light_area && entry.boolean("visible", false)) {
+            scene.objects.push_back(shining_rectangle(light, entry.key() + " (area)"));
+            continue;
+        }
         scene.lights.insert(environment ? scene.lights.begin() : scene.lights.end(), light);
     }
+}
+
+// Objects that shine become lights, after those of the list.
+void add_shining_objects(Scene& scene)
+{
+    for (SceneObject& object : scene.objects) {
+        if (!(luminance(object.emission) > 0.0)) continue;
+        object.light = int(scene.lights.size());
+        f32::ClothLight light = blank_light(f32::cloth_light_mesh);
+        light.radiance = object.emission;
+        scene.lights.push_back(light);
+    }
+    place_emitters(scene);
 }
 
 // ---- camera, film, objects
@@ -265,7 +300,8 @@ void read_lights(const JsonValue& value, Scene& scene)
 
 CameraSpec read_camera(const JsonValue& value)
 {
-    value.expect_object({"position", "target", "up", "fov"});
+    value.expect_object(
+        {"position", "target", "up", "fov", "lens_radius", "f_number", "sensor_height", "focus_distance"});
     CameraSpec camera;
     camera.position = value.vector3("position", camera.position, -far_limit, far_limit);
     camera.target = value.vector3("target", camera.target, -far_limit, far_limit);
@@ -276,6 +312,17 @@ CameraSpec read_camera(const JsonValue& value)
     const glm::dvec3 side = glm::cross(forward, glm::dvec3(camera.up));
     if (!(glm::length(side) > 1e-6 * glm::length(forward) * glm::length(glm::dvec3(camera.up))))
         value.fail("found \"up\" along the view or of length 0, expected another direction");
+    camera.lens_radius = float(value.number("lens_radius", 0.0, 0.0, 1e3));
+    if (value.has("f_number")) {
+        if (value.has("lens_radius")) value["f_number"].fail("found both \"f_number\" and \"lens_radius\"");
+        // Focal length of a lens whose image, at the field of view, fills the sensor from far away.
+        const double focal = 0.5 * value.number("sensor_height", 0.024, 1e-5, 10.0) /
+                             std::tan(0.5 * double(camera.fov_degrees) * radians_per_degree);
+        camera.lens_radius = float(0.5 * focal / value["f_number"].number(0.1, 1e6));
+    } else if (value.has("sensor_height")) {
+        value["sensor_height"].fail("found no \"f_number\" beside it, which alone needs it");
+    }
+    camera.focus_m = float(value.number("focus_distance", 0.0, 0.0, far_limit));
     return camera;
 }
 
@@ -344,11 +391,14 @@ class FabricShelf
 
 SceneObject read_object(const JsonValue& value, const Overrides& fabric_overrides, FabricShelf& shelf, Scene& scene)
 {
-    value.expect_object(
-        {"mesh", "shape", "translate", "rotate", "scale", "fabric", "matte", "uv_scale", "uv_rotation"});
+    value.expect_object({"mesh", "shape", "translate", "rotate", "scale", "fabric", "matte", "metal", "emission",
+                         "uv_scale", "uv_rotation"});
     if (value.has("mesh") == value.has("shape")) value.fail("expected either \"mesh\" or \"shape\"");
-    if (value.has("fabric") && value.has("matte"))
-        value.fail("found both \"fabric\" and \"matte\", expected one of them");
+    for (const auto& [one, other] : {std::pair("fabric", "matte"), {"fabric", "metal"}, {"matte", "metal"}})
+        if (value.has(one) && value.has(other))
+            value[other].fail("found both \"%s\" and \"%s\", expected one of them", one, other);
+    if (value.has("fabric") && value.has("emission"))
+        value["emission"].fail("found a fabric that shines, expected an object without fabric");
 
     SceneObject object;
     const std::string shape =
@@ -367,7 +417,15 @@ SceneObject read_object(const JsonValue& value, const Overrides& fabric_override
     } else if (value.has("matte")) {
         value["matte"].expect_object({"albedo"});
         if (value["matte"].has("albedo")) object.albedo = value["matte"]["albedo"].number_or_vector3(0.0, 1.0);
+    } else if (value.has("metal")) {
+        const JsonValue metal = value["metal"];
+        metal.expect_object({"colour", "roughness"});
+        object.albedo = metal.has("colour") ? metal["colour"].number_or_vector3(0.0, 1.0) : glm::vec3(0.9f);
+        object.roughness = float(metal.number("roughness", 0.1, cloth::f64::cloth_metal_alpha_min, 1.0));
+    } else if (value.has("emission")) {
+        object.albedo = glm::vec3(0.0f);
     }
+    if (value.has("emission")) object.emission = value["emission"].number_or_vector3(0.0, bright_limit);
     const glm::dmat4 to_world = read_transform(value);
     // A fabric on one huge triangle would have no digits left for the place inside its repeat (math.md 10, hazard 16).
     const int divisions = object.fabric >= 0 ? 32 : 1;
@@ -426,7 +484,7 @@ std::string hash_of(const Scene& scene)
 {
     Hasher hasher;
     hasher.add(scene.camera.position), hasher.add(scene.camera.target), hasher.add(scene.camera.up);
-    hasher.add(scene.camera.fov_degrees);
+    hasher.add(scene.camera.fov_degrees), hasher.add(scene.camera.lens_radius), hasher.add(scene.camera.focus_m);
     hasher.add(scene.film.resolution.x), hasher.add(scene.film.resolution.y), hasher.add(scene.film.filter);
     for (const f32::ClothLight& light : scene.lights) {
         hasher.add(light.kind), hasher.add(light.pmf), hasher.add(light.position), hasher.add(light.axis);
@@ -434,7 +492,7 @@ std::string hash_of(const Scene& scene)
     }
     hasher.add(scene.environment.size.x), hasher.add(scene.environment.size.y), hasher.add(scene.environment.texels);
     for (const SceneObject& object : scene.objects) {
-        hasher.add(object.fabric), hasher.add(object.albedo);
+        hasher.add(object.fabric), hasher.add(object.albedo), hasher.add(object.roughness), hasher.add(object.light);
         hasher.add(object.mesh.positions), hasher.add(object.mesh.normals), hasher.add(object.mesh.triangles);
         hasher.add(object.mesh.corner_tiles);
     }
@@ -478,12 +536,85 @@ Scene load_scene(const std::filesystem::path& path, const Overrides& overrides)
         }
     }
     if (root.has("lights")) read_lights(root["lights"], scene);
+    add_shining_objects(scene);
     if (scene.objects.empty()) scene.warnings.push_back(path.string() + ": the scene has no objects");
     if (scene.lights.empty()) scene.warnings.push_back(path.string() + ": nothing in the scene shines");
     choose_probabilities(scene);
     scene.hash = hash_of(scene);
     scene.seconds_load = seconds_since(start) - scene.seconds_bake;
     return scene;
+}
+
+void turn_scene(Scene& scene, Turned what, double degrees)
+{
+    const double angle = degrees * radians_per_degree;
+    const glm::dmat3 turn(glm::rotate(glm::dmat4(1.0), angle, glm::dvec3(0.0, 1.0, 0.0)));
+    const glm::dvec3 centre = scene.camera.target;
+    const auto turn_point = [&](glm::vec3& p) { p = glm::vec3(centre + turn * (glm::dvec3(p) - centre)); };
+    const auto turn_vector = [&](glm::vec3& v) { v = glm::vec3(turn * glm::dvec3(v)); };
+    if (what == Turned::camera) {
+        turn_point(scene.camera.position);
+        turn_vector(scene.camera.up);
+    }
+    for (SceneObject& object : scene.objects)
+        if (what == (object.light >= 0 ? Turned::lights : Turned::objects)) {
+            for (glm::vec3& p : object.mesh.positions) turn_point(p);
+            for (glm::vec3& n : object.mesh.normals) turn_vector(n);
+        }
+    if (what == Turned::lights) {
+        for (f32::ClothLight& light : scene.lights) {
+            if (light.kind == f32::cloth_light_mesh) continue;
+            // The environment turns from -z toward +x, which is clockwise seen from above.
+            if (light.kind == f32::cloth_light_environment) light.shape.x -= float(angle);
+            turn_point(light.position);
+            turn_vector(light.axis), turn_vector(light.edge_u), turn_vector(light.edge_v);
+        }
+        place_emitters(scene);
+    }
+    scene.hash = hash_of(scene);
+}
+
+void place_emitters(Scene& scene)
+{
+    constexpr std::size_t emitter_limit = std::size_t(1) << 24; // a float counts them
+    scene.emitters.clear();
+    for (const SceneObject& object : scene.objects) {
+        if (object.light < 0) continue;
+        const Mesh& mesh = object.mesh;
+        const std::size_t count = mesh.triangles.size(), first = scene.emitters.size();
+        if (first + count > emitter_limit)
+            throw InputError("", 0, "%s: found more than %zu triangles that shine, expected less", object.name.c_str(),
+                             emitter_limit);
+        glm::dvec3 low(std::numeric_limits<double>::max()), high(-std::numeric_limits<double>::max());
+        std::vector<double> areas, scaled;
+        double area = 0.0, radius2 = 0.0;
+        for (const glm::uvec3 i : mesh.triangles) {
+            const glm::vec3 p0 = mesh.positions[i.x];
+            const f32::ClothEmitter part{p0, mesh.positions[i.y] - p0, mesh.positions[i.z] - p0, 0, 0};
+            areas.push_back(0.5 * glm::length(glm::cross(glm::dvec3(part.e1), glm::dvec3(part.e2))));
+            area += areas.back();
+            scene.emitters.push_back(part);
+            for (const unsigned k : {i.x, i.y, i.z})
+                low = glm::min(low, glm::dvec3(mesh.positions[k])),
+                high = glm::max(high, glm::dvec3(mesh.positions[k]));
+        }
+        const std::vector<glm::uvec2> table = alias_table(areas, scaled);
+        for (std::size_t k = 0; k < count; ++k)
+            scene.emitters[first + k].threshold = table[k].x, scene.emitters[first + k].other = table[k].y;
+        f32::ClothLight& light = scene.lights[std::size_t(object.light)];
+        light.position = glm::vec3(0.5 * (low + high));
+        for (const glm::vec3& p : mesh.positions)
+            radius2 = std::max(radius2, glm::dot(glm::dvec3(p) - glm::dvec3(light.position),
+                                                 glm::dvec3(p) - glm::dvec3(light.position)));
+        // A little wider, so that no ray that rounding moves misses the ball and meets the mesh.
+        light.edge_u = glm::vec3(float(area), float(1.0001 * std::sqrt(radius2)), 0.0f);
+        light.shape = {float(first), float(count)};
+    }
+}
+
+f32::ClothLens lens_of(const CameraSpec& camera)
+{
+    return {camera.lens_radius, camera.focus_m > 0.0f ? camera.focus_m : glm::distance(camera.position, camera.target)};
 }
 
 f32::ClothCamera make_camera(const CameraSpec& camera, glm::ivec2 resolution)
@@ -505,6 +636,7 @@ f32::ClothLights lights_of(const Scene& scene)
     lights.lights = scene.lights.data();
     lights.environment = scene.environment.texels.data();
     lights.alias = scene.environment.alias.data();
+    lights.emitters = scene.emitters.data();
     return lights;
 }
 

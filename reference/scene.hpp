@@ -27,8 +27,11 @@ struct Mesh {
 struct SceneObject {
     std::string name; // "objects.3 (drape)"; for messages and lists
     Mesh mesh;
-    int fabric = -1;         // index into Scene::fabrics; -1: matte
-    glm::vec3 albedo{0.18f}; // matte only
+    int fabric = -1;          // index into Scene::fabrics; -1: matte or metal
+    glm::vec3 albedo{0.18f};  // matte; of metal the reflectance at normal incidence
+    float roughness = 0.0f;   // of metal: alpha of GGX; 0: matte
+    glm::vec3 emission{0.0f}; // radiance of the front, as the file says; in `lights` if there is any
+    int light = -1;           // index into Scene::lights; -1: does not shine
 };
 
 struct Environment {
@@ -41,6 +44,8 @@ struct Environment {
 struct CameraSpec {
     glm::vec3 position{0.0f, 1.0f, 3.0f}, target{0.0f}, up{0.0f, 1.0f, 0.0f};
     float fov_degrees = 35.0f; // vertical
+    float lens_radius = 0.0f;  // [m]; 0: a pinhole
+    float focus_m = 0.0f;      // distance of the plane in focus along the view; 0: that of the target
 };
 
 struct FilmSpec {
@@ -54,6 +59,7 @@ struct Scene {
     FilmSpec film;
     std::vector<cloth::f32::ClothLight> lights; // the environment, where there is one, is light 0; pmf adds up to 1
     Environment environment;
+    std::vector<cloth::f32::ClothEmitter> emitters; // triangles of the lights that are objects
     std::vector<SceneObject> objects;
     std::vector<PackedFabric> fabrics;
     std::vector<Fabric> fabric_sources; // what each was baked from: for live edits (shade_yarns, bake_fabric)
@@ -73,8 +79,17 @@ struct Scene {
 Scene load_scene(const std::filesystem::path& path, const Overrides& overrides = {});
 
 cloth::f32::ClothCamera make_camera(const CameraSpec& camera, glm::ivec2 resolution);
+cloth::f32::ClothLens lens_of(const CameraSpec& camera);
 cloth::f32::ClothLights lights_of(const Scene& scene);
 cloth::f32::ClothTriangle triangle_of(const SceneObject& object, std::size_t triangle);
+
+// Turns a part of the scene about the vertical through the camera's target, counter-clockwise seen from above.
+// `objects`: those that do not shine; `lights`: the environment, the lights of the list and the objects that shine.
+enum class Turned { objects, camera, lights };
+void turn_scene(Scene& scene, Turned what, double degrees);
+
+// Fills `emitters` and the geometry of the lights that are objects, anew after objects have moved.
+void place_emitters(Scene& scene);
 
 // Whether a ray may pass through the object: through gaps, or between the fibres of its yarns where the model has that.
 bool lets_rays_through(const Scene& scene, const SceneObject& object);

@@ -372,6 +372,51 @@ class Maps:
         return max(o[2] - mean @ o[:2], 0.02)
 
 
+# ---- metal ---------------------------------------------------------------------------------------------------------------------------
+
+def ggx_d(h, alpha):
+    """Walter et al. 2007, eq. 33, with the tangent: alpha^2 / (pi cos^4 (alpha^2 + tan^2)^2)."""
+    cos2, sin2 = h[..., 2] ** 2, h[..., 0] ** 2 + h[..., 1] ** 2
+    return alpha**2 / (np.pi * (alpha**2 * cos2 + sin2) ** 2)
+
+
+def ggx_lambda(w, alpha):
+    tan2 = (w[..., 0] ** 2 + w[..., 1] ** 2) / w[..., 2] ** 2
+    return (-1 + np.sqrt(1 + alpha**2 * tan2)) / 2
+
+
+def schlick(colour, cosine):
+    return colour + (1 - colour) * np.clip(1 - cosine, 0, 1)[..., None] ** 5
+
+
+def metal_value(colour, alpha, i, o):
+    """F D G / (4 cos cos) times cos_i, G = 1 / (1 + Lambda + Lambda) (Heitz 2014)."""
+    up = (i[..., 2] > 0) & (o[..., 2] > 0)
+    i, o = (np.where(up[..., None], w, [0.0, 0.0, 1.0]) for w in (i, o))
+    h = unit(i + o)
+    g = 1 / (1 + ggx_lambda(i, alpha) + ggx_lambda(o, alpha))
+    return np.where(up[..., None], schlick(colour, dot(h, o)) * (ggx_d(h, alpha) * g / (4 * o[..., 2]))[..., None], 0)
+
+
+def metal_pdf(alpha, i, o):
+    """Visible normals, D_o(h) = G1(o) max(o.h, 0) D(h) / cos_o, over the Jacobian 4 o.h of the reflection."""
+    up = (i[..., 2] > 0) & (o[..., 2] > 0)
+    i, o = (np.where(up[..., None], w, [0.0, 0.0, 1.0]) for w in (i, o))
+    return np.where(up, ggx_d(unit(i + o), alpha) / (1 + ggx_lambda(o, alpha)) / (4 * o[..., 2]), 0)
+
+
+def metal_sample(alpha, o, u):
+    """Dupuy & Benyoub 2023: reflect about the sum of the stretched view and a uniform point of the cap that it sees."""
+    v = unit(o * np.stack([alpha, alpha, np.ones_like(alpha)], -1))
+    phi, z = 2 * np.pi * u[..., 0], 1 - u[..., 1] * (1 + v[..., 2])
+    r = np.sqrt(np.clip((1 - z) * (1 + z), 0, 1))
+    cap = np.stack([r * np.cos(phi), r * np.sin(phi), z], -1) + v
+    h = unit(np.stack([alpha * cap[..., 0], alpha * cap[..., 1], np.maximum(cap[..., 2], 1e-6)], -1))
+    i = unit(2 * dot(o, h)[..., None] * h - o)
+    pdf = metal_pdf(alpha, i, o)
+    return np.where((pdf > 0)[..., None], i, [0.0, 0.0, 1.0]), pdf
+
+
 # ---- camera and surface -----------------------------------------------------------------------------------------------------------
 
 def camera_ray(position, forward, right, up, resolution, raster):

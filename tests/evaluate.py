@@ -42,8 +42,8 @@ ROWS = read_rows()
 @dataclasses.dataclass
 class Tables:
     """Maps of one fabric and the lights, in the words that the renderers keep. Texels are (h, w, 2) uint32; horizons (n, 2), as many
-    as the largest kind of visibility asks for; yarns (n, 17) and lights (n, 19) are rows of numbers as shared_inputs.h reads them;
-    environment (h, w, 4), alias (h, w, 2); heights (w h) uint16, asg (n, 4), the same for both sides."""
+    as the largest kind of visibility asks for; yarns (n, 17) and lights (n, 19) are rows of numbers as shared_inputs.h reads them, and
+    so are emitters (n, 13); environment (h, w, 4), alias (h, w, 2); heights (w h) uint16, asg (n, 4), the same for both sides."""
     texels: tuple
     horizons: tuple
     mips: tuple
@@ -53,6 +53,7 @@ class Tables:
     alias: np.ndarray
     heights: np.ndarray
     asg: np.ndarray
+    emitters: np.ndarray
 
     @property
     def size(self):
@@ -78,6 +79,7 @@ class Tables:
             put(self.alias, "u4", 2)
             put(self.heights, "u2", 1)
             put(self.asg, "f4", 1)
+            put(self.emitters, "f4", 1)
 
 
 class CppEvaluator:
@@ -106,10 +108,14 @@ class GlslEvaluator:
         yarns = np.hstack([y[:, 0:3], y[:, 12:13], y[:, 3:6], y[:, 13:14], y[:, 6:9], y[:, 14:15], y[:, 9:12], y[:, 15:16], z, y[:, 16:17]])
         v, z = np.asarray(tables.lights, "f4"), np.zeros((len(tables.lights), 1), "f4")
         lights = np.hstack([v[:, 2:5], v[:, 17:18], v[:, 5:8], v[:, 18:19], v[:, 8:11], z, v[:, 11:14], z, v[:, 14:17], z, v[:, 0:2], z, z])
+        e = np.ascontiguousarray(tables.emitters, "f4")
+        halves, corners = e[:, 9:].astype("u4"), e[:, :9].view("u4")
+        alias = halves[:, 0::2] | (halves[:, 1::2] << 16)
+        emitters = np.hstack([corners[:, 0:3], alias[:, :1], corners[:, 3:6], alias[:, 1:], corners[:, 6:9], 0 * alias[:, :1]])
         self.bound = [gl.buffer(np.ascontiguousarray(a).tobytes()) for a in (
-            np.concatenate(t), np.concatenate(mips), yarns, lights, np.asarray(tables.heights, "u2"), np.asarray(tables.asg, "f4"))]
+            np.concatenate(t), np.concatenate(mips), yarns, lights, np.asarray(tables.heights, "u2"), np.asarray(tables.asg, "f4"), emitters)]
         formats = {1: gl_contexts.GL_RG32UI, 2: gl_contexts.GL_R32UI, 3: gl_contexts.GL_RGBA32F, 4: gl_contexts.GL_RGBA32F,
-                   7: gl_contexts.GL_R16UI, 8: gl_contexts.GL_RGBA32F}
+                   7: gl_contexts.GL_R16UI, 8: gl_contexts.GL_RGBA32F, 9: gl_contexts.GL_RGBA32UI}
         for buffer, (unit, internal_format) in zip(self.bound, formats.items()):
             self.context.bind_buffer_texture(unit, internal_format, buffer)
         for unit, (array, kind) in enumerate(((tables.environment, "f4"), (tables.alias, "u4")), 5):
@@ -132,7 +138,7 @@ class GlslEvaluator:
                 program = self.context.gl.compute_shader(source)
             except moderngl.Error as error:
                 raise AssertionError(shader_source.readable(str(error), files)) from None
-            for unit, name in enumerate(("map_words", "slope_words", "yarn_table", "light_table", "environment_map", "alias_map", "height_words", "asg_table"), 1):
+            for unit, name in enumerate(("map_words", "slope_words", "yarn_table", "light_table", "environment_map", "alias_map", "height_words", "asg_table", "emitter_table"), 1):
                 self.context.set_sampler(program, name, unit)
             self.programs[key] = program
         return self.programs[key]

@@ -152,10 +152,10 @@ def make_tables(seed=5, size=(24, 16)):
     density = environment[..., :3].sum(-1) * sine
     environment[..., 3] = density / density.mean()
     alias = np.stack([rng.integers(0, 2**32, (eh, ew), dtype=np.uint64), rng.integers(0, ew * eh, (eh, ew), dtype=np.uint64)], -1)
-    lights = np.concatenate([lights_of_kind(rng, 1, kind) for kind in range(6)])
-    lights[:, 1] = [0.3, 0.1, 0.2, 0.15, 0.05, 0.2]
+    lights = np.concatenate([lights_of_kind(rng, 1, kind) for kind in range(7)])
+    lights[:, 1] = [0.3, 0.1, 0.2, 0.1, 0.05, 0.15, 0.1]
     return evaluate.Tables(tuple(texels), (knots(), knots()), mips, yarns(rng, 3).astype("f4"), lights.astype("f4"),
-                           environment.astype("f4"), alias.astype(np.uint32), *relief(rng, size))
+                           environment.astype("f4"), alias.astype(np.uint32), *relief(rng, size), EMITTERS)
 
 
 def relief(rng, size):
@@ -167,8 +167,36 @@ def relief(rng, size):
     return np.rint(heights.ravel() * 65535).astype(np.uint16), asg.reshape(-1, 4).astype("f4")
 
 
+EMITTER_RANGES = ((0, 8), (8, 12))   # first triangle and count of two objects
+
+
+def make_emitters(seed=6):
+    """Triangles of two objects with any alias table: 13 numbers each, corner, two edges, threshold and other in halves."""
+    rng = np.random.default_rng(seed)
+    rows = []
+    for _, count in EMITTER_RANGES:
+        words = np.stack([rng.integers(0, 2**32, count, dtype=np.uint64), rng.integers(0, count, count, dtype=np.uint64)], -1)
+        rows.append(np.c_[rng.normal(size=(count, 3)) * 3, rng.normal(size=(count, 6)), halves(words).reshape(count, 4)])
+    return np.concatenate(rows).astype("f4")
+
+
+def mesh_lights(rng, n):
+    lights = np.zeros((n, 19))
+    for k, (first, count) in enumerate(EMITTER_RANGES):
+        rows = np.arange(n) % len(EMITTER_RANGES) == k
+        part = EMITTERS[first:first + count].astype("f8")
+        corners = np.concatenate([part[:, :3], part[:, :3] + part[:, 3:6], part[:, :3] + part[:, 6:9]])
+        centre = corners.mean(0)
+        area = 0.5 * np.linalg.norm(np.cross(part[:, 3:6], part[:, 6:9]), axis=1).sum()
+        lights[rows] = np.r_[6, 1, centre, 0, 0, 1, 0, 0, 0, area, 1.001 * np.linalg.norm(corners - centre, axis=1).max(), 0, 0, 0, 0, first, count]
+    lights[:, 8:11] = rng.random((n, 3)) * 10
+    return lights
+
+
 def lights_of_kind(rng, n, kind):
     """19 numbers each: kind, pmf, position, axis, radiance, edge_u, edge_v, shape."""
+    if kind == 6:
+        return mesh_lights(rng, n)
     axis = sphere(rng, n)
     f = oracle.frame(axis)
     size = rng.uniform(0.1, 2, (n, 2))
@@ -180,6 +208,7 @@ def lights_of_kind(rng, n, kind):
                  f[:, 0] * size[:, :1], f[:, 1] * size[:, 1:], shape]
 
 
+EMITTERS = make_emitters()
 TABLES = make_tables()
 MAPS = oracle.Maps(TABLES)
 IMAGE = TABLES.environment.astype("f8")
@@ -368,6 +397,76 @@ def _():
         return np.c_[points(rng, N), yarns(rng, N), viewer(rng, N), units(rng, N, 4)]
     def expect(xs):
         i, pdf = oracle.point_sample(split_point(xs), xs[:, 28:31], xs[:, 31:33], xs[:, 33:35])
+        return np.c_[i, pdf]
+    return inputs, expect
+
+
+# ---- cloth_metal.h --------------------------------------------------------------------------------------------------------------
+
+def metal_alphas(rng, n):
+    return np.clip(10 ** rng.uniform(-3.05, 0.02, n), 1e-3, 1)[:, None]
+
+
+def metal_pairs(rng, alpha):
+    """(i, o): half of the lights inside the lobe, the others anywhere, below the surface too."""
+    n = len(alpha)
+    o = viewer(rng, n)
+    h = oracle.unit(np.c_[alpha * rng.normal(size=(n, 2)), np.ones(n)])
+    i = oracle.unit(2 * oracle.dot(o, h)[:, None] * h - o)
+    return np.where(rng.random((n, 1)) < 0.5, i, sphere(rng, n)), o
+
+
+@function("ggx_d", strict=True)
+def _():
+    def inputs(rng):
+        alpha = metal_alphas(rng, N)
+        return np.c_[oracle.unit(np.c_[alpha * rng.normal(size=(N, 2)) * 2, np.ones(N)]), alpha]
+    return inputs, lambda xs: oracle.ggx_d(xs[:, :3], xs[:, 3])
+
+
+@function("ggx_stretch", strict=True)
+def _():
+    return (lambda rng: np.c_[viewer(rng, N), metal_alphas(rng, N)],
+            lambda xs: xs[:, 2] * (1 + 2 * oracle.ggx_lambda(xs[:, :3], xs[:, 3])))
+
+
+@function("fresnel_schlick", groups=(3,), strict=True)
+def _():
+    return lambda rng: np.c_[rng.random((N, 3)), np.r_[0, 1, rng.random(N - 2)]], lambda xs: oracle.schlick(xs[:, :3], xs[:, 3])
+
+
+MIRROR = "half vectors of a near mirror differ from the normal by less than a float tells of i + o"
+
+
+@function("metal_value", groups=(3,), loose=0.5, floor=1e-12, why=MIRROR)
+def _():
+    def inputs(rng):
+        alpha = metal_alphas(rng, N)
+        return np.c_[rng.random((N, 3)), alpha, np.hstack(metal_pairs(rng, alpha))]
+    return inputs, lambda xs: oracle.metal_value(xs[:, :3], xs[:, 3], xs[:, 4:7], xs[:, 7:10])
+
+
+@function("metal_pdf", loose=0.5, floor=1e-12, why=MIRROR)
+def _():
+    def inputs(rng):
+        alpha = metal_alphas(rng, N)
+        return np.c_[alpha, np.hstack(metal_pairs(rng, alpha))]
+    return inputs, lambda xs: oracle.metal_pdf(xs[:, 0], xs[:, 1:4], xs[:, 4:7])
+
+
+def metal_sample_slack(xs):
+    """The pdf is that of the direction after rounding: one unit of i moves h by as much over 2 o.h, and ln D by 2 / alpha times that."""
+    i, pdf = oracle.metal_sample(xs[:, 0], xs[:, 1:4], xs[:, 4:6])
+    cosine = np.maximum(oracle.dot(oracle.unit(i + xs[:, 1:4]), xs[:, 1:4]), 1e-9)
+    return np.c_[np.zeros((len(xs), 3)), 4 * pdf / (xs[:, 0] * cosine)]
+
+
+@function("metal_sample", groups=(3, 1), loose=0.6, floor=1e-6, slack=metal_sample_slack, why=MIRROR + "; the rim of the cap is where 1 - z^2 vanishes")
+def _():
+    def inputs(rng):
+        return np.c_[metal_alphas(rng, N), viewer(rng, N), units(rng, N, 2)]
+    def expect(xs):
+        i, pdf = oracle.metal_sample(xs[:, 0], xs[:, 1:4], xs[:, 4:6])
         return np.c_[i, pdf]
     return inputs, expect
 
@@ -561,6 +660,22 @@ def _():
     return inputs, expect
 
 
+@function("lens_camera", groups=(3, 3), strict=True)
+def _():
+    def inputs(rng):
+        f = oracle.frame(sphere(rng, N))
+        tan = rng.uniform(0.05, 1.5, (N, 2))
+        radius = np.where(rng.random(N) < 0.1, 0, 10 ** rng.uniform(-4, 0, N))
+        return np.c_[rng.normal(size=(N, 3)), f[:, 2], f[:, 0] * tan[:, :1], f[:, 1] * tan[:, 1:], np.ones((N, 2)), radius, 10 ** rng.uniform(-1, 2, N), units(rng, N, 2)]
+    def expect(xs):
+        position, forward, right, up, radius, focus, u = xs[:, :3], xs[:, 3:6], xs[:, 6:9], xs[:, 9:12], xs[:, 14:15], xs[:, 15:16], xs[:, 16:]
+        disk = np.sqrt(u[:, :1]) * np.c_[np.cos(2 * np.pi * u[:, 1]), np.sin(2 * np.pi * u[:, 1])]
+        point = position + radius * (oracle.unit(right) * disk[:, :1] + oracle.unit(up) * disk[:, 1:])
+        # The middle of the plane in focus is seen in the middle of the picture from every point of the lens.
+        return np.c_[point, (position + forward * focus - point) / focus]
+    return inputs, expect
+
+
 @function("filter_offset", floor=1.0, strict=True)
 def _():
     def inputs(rng):
@@ -692,13 +807,23 @@ def _():
     return inputs, lambda xs: oracle.environment(IMAGE, xs[:, 19:22], xs[:, 17], xs[:, 8:11])
 
 
+def emitter_points(lights, rng):
+    """A point of some triangle of each light that is an object; anything for the others."""
+    k = (lights[:, 17] + rng.random(len(lights)) * lights[:, 18]).astype(int)
+    part = EMITTERS[np.where(lights[:, 0] == 6, np.minimum(k, len(EMITTERS) - 1), 0)].astype("f8")
+    b = rng.random((len(lights), 2)) * 0.5
+    return part[:, :3] + part[:, 3:6] * b[:, :1] + part[:, 6:9] * b[:, 1:]
+
+
 def light_inputs(rng, directions):
-    n = N // 6
-    lights = np.concatenate([lights_of_kind(rng, n, kind) for kind in range(6)])
+    n = N // 7
+    lights = np.concatenate([lights_of_kind(rng, n, kind) for kind in range(7)])
     position = rng.normal(size=(len(lights), 3)) * 3
     if directions:
         # Half of them aim at the light.
+        aim_mesh = emitter_points(lights, rng)
         aim = lights[:, 2:5] + lights[:, 11:14] * rng.uniform(-1.3, 1.3, (len(lights), 1)) + lights[:, 14:17] * rng.uniform(-1.3, 1.3, (len(lights), 1))
+        aim = np.where(lights[:, :1] == 6, aim_mesh, aim)
         d = np.where(rng.random((len(lights), 1)) < 0.5, oracle.unit(aim - position), sphere(rng, len(lights)))
         return np.c_[lights, position, d]
     position[:3] = lights[:3, 2:5]
@@ -751,6 +876,20 @@ def _():
         d = to / distance[:, None]
         cosine = -oracle.dot(d, axis)
         area = 4 * np.linalg.norm(np.cross(e_u, e_v), axis=1)
+        # an object: a triangle of the alias table, a point of it uniform in area
+        mesh = kind == 6
+        first, count = xs[:, 17].astype(np.int64), np.where(mesh, xs[:, 18], 1).astype(np.uint64)
+        column = ((word(xs, 24).astype(np.uint64) * count) >> np.uint64(32)).astype(np.int64)
+        rows = EMITTERS[np.where(mesh, first + column, 0)]
+        threshold, other = word(rows, 9), word(rows, 11).astype(np.int64)
+        rows = EMITTERS[np.where(mesh, first + np.where(word(xs, 26) >= threshold, other, column), 0)].astype("f8")
+        b = np.sqrt(u[:, :1])
+        to_m = rows[:, :3] + rows[:, 3:6] * (1 - b) + rows[:, 6:9] * (b * u[:, 1:]) - at
+        far = np.linalg.norm(to_m, axis=1)
+        d_m, n_m = to_m / far[:, None], oracle.unit(np.cross(rows[:, 3:6], rows[:, 6:9]))
+        cos_m = -oracle.dot(d_m, n_m)
+        seen = mesh & (cos_m > 1e-6)
+        out[seen] = np.c_[d_m, far, radiance, far**2 / (np.where(cos_m > 0, cos_m, 1) * np.where(mesh, xs[:, 11], 1))][seen]
         lit = (kind == 4) & reached & (cosine > 0)
         out[lit] = np.c_[d, distance, radiance, distance**2 / (np.where(cosine > 0, cosine, 1) * area)][lit]
         x = np.clip((cosine - xs[:, 17]) / np.maximum(xs[:, 18] - xs[:, 17], 1e-6), 0, 1)
@@ -761,7 +900,7 @@ def _():
     return lambda rng: light_inputs(rng, False), expect
 
 
-@function("light_hit", tables=True, groups=(3, 1, 3, 1), loose=0.005, slack=light_slack, why="as environment; rectangles have edges, and grazing ones are far")
+@function("light_hit", tables=True, groups=(3, 1, 3, 1), loose=0.005, slack=light_slack, why="as environment; rectangles, triangles and the sun have edges, and grazing ones are far")
 def _():
     def expect(xs):
         out = no_light(len(xs))
@@ -769,6 +908,17 @@ def _():
         at, d = xs[:, 19:22], xs[:, 22:25]
         env = kind == 0
         out[env] = np.c_[d, np.full(len(xs), 1e30), oracle.environment(IMAGE, d, xs[:, 17], radiance)][env]
+        sun = (kind == 1) & (xs[:, 17] > 0) & (2 * np.arcsin(np.minimum(np.linalg.norm(d - axis, axis=1) / 2, 1)) <= np.arccos(1 - xs[:, 17]))
+        solid = np.where(xs[:, 17] > 0, xs[:, 17], 1)
+        out[sun] = np.c_[d, np.full(len(xs), 1e30), radiance / (np.pi * solid * (2 - solid))[:, None], 1 / (2 * np.pi * solid)][sun]
+        for row in np.flatnonzero(kind == 6):
+            part = EMITTERS[int(xs[row, 17]):int(xs[row, 17] + xs[row, 18])].astype("f8")
+            b, t = oracle.intersect(part[:, :3], part[:, :3] + part[:, 3:6], part[:, :3] + part[:, 6:9], at[row], np.broadcast_to(d[row], (len(part), 3)))
+            t = np.where((b >= 0).all(1) & (b.sum(1) <= 1) & (t > 0), t, np.inf)
+            nearest = t.argmin()
+            facing = -d[row] @ oracle.unit(np.cross(part[nearest, 3:6], part[nearest, 6:9]))
+            if np.isfinite(t[nearest]) and facing > 1e-6:
+                out[row] = np.r_[d[row], t[nearest], radiance[row], t[nearest] ** 2 / (facing * xs[row, 11])]
         cosine = -oracle.dot(d, axis)
         safe = np.where(np.abs(cosine) > 1e-9, cosine, 1)
         distance = -oracle.dot(position - at, axis) / safe

@@ -77,6 +77,11 @@ CLOTH_FN ClothLight in_light(int k)   // 19
     return ClothLight(in_int(k), in1(k + 1), in3(k + 2), in3(k + 5), in3(k + 8), in3(k + 11), in3(k + 14), in2(k + 17));
 }
 
+CLOTH_FN ClothEmitter in_emitter(int k)   // 13
+{
+    return ClothEmitter(in3(k), in3(k + 3), in3(k + 6), in_word(k + 9), in_word(k + 11));
+}
+
 CLOTH_FN void out_frame(int k, ClothFrame frame)   // 9
 {
     out3(k, frame.x);

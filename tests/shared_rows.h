@@ -22,6 +22,14 @@ ROW(point_pdf, 34, 1, out1(0, cloth_point_pdf(in_point(0), in_yarn(11), in3(28),
 ROW(cosine_sample, 5, 3, out3(0, cloth_cosine_sample(in3(0), in2(3)));)
 ROW(point_sample, 35, 4, ClothSample s = cloth_point_sample(in_point(0), in_yarn(11), in3(28), in2(31), in2(33)); out3(0, s.wi); out1(3, s.pdf);)
 
+// ---- cloth_metal.h
+ROW(ggx_d, 4, 1, out1(0, cloth_ggx_d(in3(0), in1(3)));)
+ROW(ggx_stretch, 4, 1, out1(0, cloth_ggx_stretch(in3(0), in1(3)));)
+ROW(fresnel_schlick, 4, 3, out3(0, cloth_fresnel_schlick(in3(0), in1(3)));)
+ROW(metal_value, 10, 3, out3(0, cloth_metal_value(in3(0), in1(3), in3(4), in3(7)));)
+ROW(metal_pdf, 7, 1, out1(0, cloth_metal_pdf(in1(0), in3(1), in3(4)));)
+ROW(metal_sample, 6, 4, ClothSample s = cloth_metal_sample(in1(0), in3(1), in2(4)); out3(0, s.wi); out1(3, s.pdf);)
+
 // ---- cloth_visibility.h
 ROW(horizon_azimuth, 2, 1, out1(0, cloth_horizon_azimuth(in2(0)));)
 ROW(horizon_step, 2, 1, out1(0, cloth_horizon_step(in1(0), in1(1)));)
@@ -44,6 +52,7 @@ ROW(noise, 6, 1, out1(0, cloth_noise(uvec2(in_word(0), in_word(2)), in2(4)));)
 
 // ---- cloth_surface.h
 ROW(camera_ray, 16, 12, ClothRay r = cloth_camera_ray(ClothCamera(in3(0), in3(3), in3(6), in3(9), in2(12)), in2(14)); out3(0, r.origin); out3(3, r.direction); out3(6, r.direction_dx); out3(9, r.direction_dy);)
+ROW(lens_camera, 18, 6, ClothCamera c = cloth_lens_camera(ClothCamera(in3(0), in3(3), in3(6), in3(9), in2(12)), ClothLens(in1(14), in1(15)), in2(16)); out3(0, c.position); out3(3, c.forward);)
 ROW(filter_offset, 3, 2, out2(0, cloth_filter_offset(in_int(0), in2(1)));)
 ROW(barycentric, 27, 2, out2(0, cloth_barycentric(in_triangle(0), in3(24)));)
 ROW(uv_frame, 30, 9, out_frame(0, cloth_uv_frame(in_triangle(0), in3(24), in3(27)));)

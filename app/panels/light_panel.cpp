@@ -17,7 +17,7 @@ void draw_light_panel(LightPanel& panel, Scene& scene, Edits& edits, float& turn
     }
     if (ImGui::IsItemHovered())
         ImGui::SetTooltip("environment and sun together; Ctrl + drag in the picture does it, too");
-    static constexpr const char* kinds[] = {"environment", "directional", "point", "spot", "area", "flash"};
+    static constexpr const char* kinds[] = {"environment", "directional", "point", "spot", "area", "flash", "object"};
     for (std::size_t k = 0; k < scene.lights.size(); ++k) {
         ClothLight& light = scene.lights[k];
         ImGui::PushID(static_cast<int>(k));

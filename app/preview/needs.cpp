@@ -139,8 +139,8 @@ static bool in_front_of_any(const Scene& scene, glm::dvec3 point)
 
 const std::vector<std::string>& skip_names()
 {
-    static const std::vector<std::string> names = {"fabric", "gaps",  "interreflection", "lights",
-                                                   "matte",  "model", "noise",           "shadows"};
+    static const std::vector<std::string> names = {"emitters", "fabric", "gaps",  "interreflection", "lights",
+                                                   "matte",    "metal",  "model", "noise",           "shadows"};
     return names;
 }
 
@@ -151,13 +151,17 @@ Needs Needs::of(const Scene& scene, const BlockingShape& shape, const CameraSpec
     const auto left_out = [&](const char* name, bool possible) {
         return needs.skipped[name] = possible && kept.count(name) == 0;
     };
-    bool any_fabric = false, any_gaps = false, any_matte = false;
+    bool any_fabric = false, any_gaps = false, any_matte = false, any_metal = false, any_emitter = false;
     for (const SceneObject& object : scene.objects) {
         (object.fabric >= 0 ? any_fabric : any_matte) = true;
         any_gaps |= lets_rays_through(scene, object);
+        any_metal |= object.roughness > 0;
+        any_emitter |= object.light >= 0;
     }
     needs.fabric = !left_out("fabric", !any_fabric);
     needs.matte = !left_out("matte", !any_matte);
+    needs.metal = !left_out("metal", !any_metal);
+    needs.emitters = !left_out("emitters", !any_emitter);
     needs.gaps = !left_out("gaps", !any_gaps);
     needs.several_points = needs.fabric && footprint_samples > 1;
 
@@ -176,11 +180,12 @@ Needs Needs::of(const Scene& scene, const BlockingShape& shape, const CameraSpec
     needs.compiled_model = left_out("model", true);
 
     for (const ClothLight& light : scene.lights) needs.light_kinds |= 1 << light.kind;
-    constexpr int all_kinds = (2 << cloth_light_flash) - 1;
+    constexpr int all_kinds = (2 << cloth_light_mesh) - 1;
     if (!left_out("lights", needs.light_kinds != all_kinds)) needs.light_kinds = all_kinds;
 
     // Light leaves matte on the viewer's side alone; cloth sends it through to the other side as well.
-    const bool fronts_alone = !any_fabric && shape.convex && shape.closed && in_front_of_any(scene, camera.position);
+    const bool fronts_alone = !any_fabric && shape.convex && shape.closed && camera.lens_radius == 0 &&
+                              in_front_of_any(scene, camera.position);
     needs.shadows = shape.planar || fronts_alone ? ShadowNeed::none
                     : shape.convex               ? ShadowNeed::inward
                                                  : ShadowNeed::all;
@@ -208,10 +213,12 @@ std::vector<std::string> Needs::defines() const
 {
     std::vector<std::string> list = model_defines();
     list.push_back("CLOTH_LIGHT_KINDS " + std::to_string(light_kinds));
+    list.push_back(metal ? "CLOTH_METAL 1" : "CLOTH_METAL 0");
     const std::pair<const char*, bool> parts[] = {{"FABRIC", fabric},
                                                   {"GAPS", gaps},
                                                   {"FOOTPRINT", several_points},
                                                   {"MATTE", matte},
+                                                  {"EMITTERS", emitters},
                                                   {"SHADOWS", shadows != ShadowNeed::none},
                                                   {"CONVEX", shadows == ShadowNeed::inward}};
     for (const auto& [name, needed] : parts)

@@ -32,9 +32,10 @@ const std::vector<std::string>& skip_names();
 
 struct Needs {
     bool fabric = false, gaps = false, matte = false;
-    bool several_points = false; // shaded points of a pixel in a frame
-    bool compiled_model = true;  // the model's settings are constants of the shader, not numbers in the frame's block
-    int light_kinds = 0;         // bits 1 << kind
+    bool metal = false, emitters = false; // of objects without fabric
+    bool several_points = false;          // shaded points of a pixel in a frame
+    bool compiled_model = true; // the model's settings are constants of the shader, not numbers in the frame's block
+    int light_kinds = 0;        // bits 1 << kind
     cloth::f32::ClothSettings model{};
     ShadowNeed shadows = ShadowNeed::all;
     std::map<std::string, bool> skipped; // name -> left out

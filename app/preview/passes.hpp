@@ -22,9 +22,9 @@ using namespace glm;
 #include "glsl/blocks.h"
 static_assert(offsetof(Frame, camera_position) == 0 && offsetof(Frame, camera_forward) == 16);
 static_assert(offsetof(Frame, camera_right) == 32 && offsetof(Frame, camera_up) == 48);
-static_assert(offsetof(Frame, film) == 64 && offsetof(Frame, random) == 80);
-static_assert(offsetof(Frame, depth) == 96 && offsetof(Frame, lights) == 112);
-static_assert(offsetof(Frame, model) == 128 && offsetof(Frame, ingredients) == 144 && sizeof(Frame) == 160);
+static_assert(offsetof(Frame, lens) == 64 && offsetof(Frame, film) == 80 && offsetof(Frame, random) == 96);
+static_assert(offsetof(Frame, depth) == 112 && offsetof(Frame, lights) == 128);
+static_assert(offsetof(Frame, model) == 144 && offsetof(Frame, ingredients) == 160 && sizeof(Frame) == 176);
 } // namespace block
 
 class Passes

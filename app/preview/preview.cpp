@@ -101,19 +101,28 @@ void Preview::plan(std::uint32_t planned)
 void Preview::update_near_plane()
 {
     const ClothCamera eye = make_camera(camera, targets.size());
-    const float corner = std::sqrt(1.0f + glm::dot(eye.right, eye.right) + glm::dot(eye.up, eye.up));
-    near_plane = std::clamp(0.5f * SceneBuffers::nearest_distance(scene, camera.position) / corner, 1e-6f, 1e6f);
+    const ClothLens lens = lens_of(camera);
+    // The longest direction of a ray, and what a point of the lens is nearer than the middle.
+    const float corner =
+        std::sqrt(1.0f + glm::dot(eye.right, eye.right) + glm::dot(eye.up, eye.up)) + lens.radius / lens.distance;
+    const float nearest = SceneBuffers::nearest_distance(scene, camera.position) - lens.radius;
+    near_plane = std::clamp(0.5f * nearest / corner, 1e-6f, 1e6f);
 }
 
 void Preview::draw_frame()
 {
-    const ClothCamera eye = make_camera(camera, targets.size());
+    const ClothCamera centre = make_camera(camera, targets.size());
     const std::uint32_t block_seed = cloth_hash_combine(options.seed, block_count);
     const std::uint32_t index = frame_count % length;
     const glm::vec2 offset = cloth_filter_offset(scene.film.filter, cloth_random(block_seed, index, cloth_dim_pixel));
+    // One point of the lens a frame.
+    const ClothCamera eye = cloth_lens_camera(centre, lens_of(camera), cloth_random(block_seed, index, cloth_dim_lens));
+    const glm::vec3 shear = eye.forward - centre.forward;
     block::Frame frame;
     frame.camera_position = glm::vec4(eye.position, 0);
-    frame.camera_forward = glm::vec4(eye.forward, near_plane);
+    frame.camera_forward = glm::vec4(centre.forward, near_plane);
+    frame.lens = glm::vec4(glm::dot(shear, eye.right) / glm::dot(eye.right, eye.right),
+                           glm::dot(shear, eye.up) / glm::dot(eye.up, eye.up), 0, 0);
     frame.camera_right = glm::vec4(eye.right, 1 / glm::dot(eye.right, eye.right));
     frame.camera_up = glm::vec4(eye.up, 1 / glm::dot(eye.up, eye.up));
     frame.film = glm::vec4(eye.resolution, offset);

@@ -139,8 +139,9 @@ void SceneBuffers::upload_fabrics(const Scene& scene, const Needs& needs)
         (gaps ? gauze : opaque).push_back(k);
         glm::uvec4 albedo(word(object.albedo.x), word(object.albedo.y), word(object.albedo.z), 0);
         if (object.fabric < 0) {
-            const glm::uvec4 none(0);
-            table.insert(table.end(), {{word(first_triangle), 0, 0, 0}, none, none, albedo, none, none, none});
+            albedo.w = word(object.roughness);
+            const glm::uvec4 none(0), first(word(first_triangle), 0, 0, word(std::size_t(object.light + 1)));
+            table.insert(table.end(), {first, none, none, albedo, none, none, none});
         } else {
             const Place& place = places[std::size_t(object.fabric)];
             const PackedFabric& fabric = scene.fabrics[std::size_t(object.fabric)];
@@ -185,6 +186,12 @@ void SceneBuffers::upload_lights(const Scene& scene)
                                    {light.edge_v, 0},
                                    {static_cast<float>(light.kind), light.pmf, 0, 0}});
     light_table.upload(GL_RGBA32F, 16, table.data(), bytes_of(table), "lights", info);
+    std::vector<glm::uvec4> emitters;
+    const auto words = [](glm::vec3 v, glm::uint w) { return glm::uvec4(word(v.x), word(v.y), word(v.z), w); };
+    for (const cloth::f32::ClothEmitter& part : scene.emitters)
+        emitters.insert(emitters.end(),
+                        {words(part.p0, part.threshold), words(part.e1, part.other), words(part.e2, 0)});
+    emitter_table.upload(GL_RGBA32UI, 16, emitters.data(), bytes_of(emitters), "shining triangles", info);
 
     const Environment& environment = scene.environment;
     if (std::max(environment.size.x, environment.size.y) > info.texture_limit)
@@ -235,10 +242,10 @@ void SceneBuffers::bind_textures() const
         gl.BindTexture(target, texture);
     };
     const std::pair<const char*, const BufferTexture*> tables[] = {
-        {"map_words", &map_words},       {"slope_words", &slope_words},       {"yarn_table", &yarn_table},
-        {"height_words", &height_words}, {"asg_table", &asg_table},           {"tile_base_table", &tile_bases},
-        {"light_table", &light_table},   {"triangle_table", &triangle_table}, {"object_table", &object_table},
-        {"bvh_nodes", &bvh_nodes},       {"bvh_triangles", &bvh_triangles}};
+        {"map_words", &map_words},         {"slope_words", &slope_words},       {"yarn_table", &yarn_table},
+        {"height_words", &height_words},   {"asg_table", &asg_table},           {"tile_base_table", &tile_bases},
+        {"light_table", &light_table},     {"triangle_table", &triangle_table}, {"object_table", &object_table},
+        {"emitter_table", &emitter_table}, {"bvh_nodes", &bvh_nodes},           {"bvh_triangles", &bvh_triangles}};
     for (const auto& [name, table] : tables) bind(name, GL_TEXTURE_BUFFER, table->texture());
     bind("environment_map", GL_TEXTURE_2D, *environment_map);
     bind("alias_map", GL_TEXTURE_2D, *alias_map);
@@ -253,8 +260,9 @@ void SceneBuffers::bind_object(std::size_t index) const
 std::size_t SceneBuffers::bytes() const
 {
     std::size_t total = 0;
-    for (const BufferTexture* table : {&map_words, &slope_words, &height_words, &asg_table, &tile_bases, &yarn_table,
-                                       &light_table, &triangle_table, &object_table, &bvh_nodes, &bvh_triangles})
+    for (const BufferTexture* table :
+         {&map_words, &slope_words, &height_words, &asg_table, &tile_bases, &yarn_table, &light_table, &triangle_table,
+          &object_table, &emitter_table, &bvh_nodes, &bvh_triangles})
         total += table->bytes();
     return total;
 }

@@ -46,7 +46,7 @@ class SceneBuffers
     GlInfo info;
     std::vector<Object> objects;
     BufferTexture map_words, slope_words, height_words, asg_table, tile_bases, yarn_table, light_table, triangle_table,
-        object_table, bvh_nodes, bvh_triangles;
+        object_table, emitter_table, bvh_nodes, bvh_triangles;
     GlName environment_map, alias_map;
 };
 

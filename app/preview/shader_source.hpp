@@ -126,6 +126,7 @@ inline constexpr Binding texture_units[] = {
     {"height_words", 11},
     {"asg_table", 12},
     {"tile_base_table", 13},
+    {"emitter_table", 14},
 };
 GLint texture_unit(const char* name);
 

@@ -40,6 +40,7 @@ void read_tables(const char* path)
     read_items(file, tables.alias);
     read_items(file, tables.heights);
     read_items(file, tables.asg);
+    read_items(file, tables.emitters);
     std::fclose(file);
 }
 

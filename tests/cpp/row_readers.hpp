@@ -15,11 +15,11 @@ struct RowTables {
     std::vector<glm::uvec2> texels[2], horizons[2], alias;
     std::vector<glm::uint> mips[2];
     std::vector<std::uint16_t> heights;
-    std::vector<float> asg, yarns, lights, environment;
+    std::vector<float> asg, yarns, lights, environment, emitters;
 };
 const RowTables& row_tables();
 
-inline constexpr int row_yarn_numbers = 17, row_light_numbers = 19;
+inline constexpr int row_yarn_numbers = 17, row_light_numbers = 19, row_emitter_numbers = 13;
 
 inline thread_local const double* row_in;
 inline thread_local double* row_out;
@@ -30,6 +30,7 @@ inline thread_local double* row_out;
     {                                                                                                                  \
     std::vector<ClothYarn> yarn_table;                                                                                 \
     std::vector<ClothLight> light_table;                                                                               \
+    std::vector<ClothEmitter> emitter_table;                                                                           \
     std::vector<real4> environment_table, asg_table;                                                                   \
     inline real in1(int k)                                                                                             \
     {                                                                                                                  \
@@ -63,6 +64,7 @@ inline thread_local double* row_out;
         lights.lights = light_table.data();                                                                            \
         lights.environment = environment_table.data();                                                                 \
         lights.alias = tables.alias.data();                                                                            \
+        lights.emitters = emitter_table.data();                                                                        \
         return lights;                                                                                                 \
     }                                                                                                                  \
     template <class Item, class Read>                                                                                  \
@@ -81,6 +83,7 @@ inline thread_local double* row_out;
         const auto four = [] { return real4(in1(0), in1(1), in1(2), in1(3)); };                                        \
         fill(yarn_table, tables.yarns, row_yarn_numbers, [] { return in_yarn(0); });                                   \
         fill(light_table, tables.lights, row_light_numbers, [] { return in_light(0); });                               \
+        fill(emitter_table, tables.emitters, row_emitter_numbers, [] { return in_emitter(0); });                       \
         fill(environment_table, tables.environment, 4, four);                                                          \
         fill(asg_table, tables.asg, 4, four);                                                                          \
     }
