@@ -1,6 +1,6 @@
 """Whatever ends a render, and whenever: no file is half written, and --resume ends with the bits of a run that nothing ended.
 
-Seen red with a picture that is written under its own name, and with a checkpoint that leaves the block of the last pass out."""
+Seen red with files that are written under their own name."""
 import json
 import os
 import pathlib

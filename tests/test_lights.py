@@ -1,8 +1,8 @@
 """Lights, lens and metal against closed forms, through both programs; tests/cpp/integrator_test.cpp has the other kinds of lights.
 
 A picture's own variance tells noise from bias: means are held to 4.5 sigma of themselves, one chance in 100,000, with fixed seeds.
-Seen red with emitters that shine from both sides, with a triangle's area taken for its light's, with the lens' disc twice as wide
-and with Smith's masking left out of the metal."""
+Seen red with emitters that shine from both sides, with a triangle's area taken for its light's and with Smith's masking left out of
+the metal."""
 import json
 import pathlib
 import subprocess

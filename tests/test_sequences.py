@@ -1,6 +1,6 @@
 """Turntables, numbered pictures, and the display transform that the environment asks for.
 
-Seen red with a turn the other way around, with lights that stay when they should turn, and with an exposure after the transform."""
+Seen red with objects and with an environment that turn the other way around, and without the exposure."""
 import json
 import os
 import subprocess

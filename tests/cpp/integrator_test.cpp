@@ -405,7 +405,7 @@ TEST_CASE("adaptive sampling leaves the mean of every part of the picture where 
 
 TEST_CASE("the terms of light add up to the picture", "[integrator][aovs]")
 {
-    // Cloth seen from both sides, through its gaps, over a floor and before the sky.
+    // Cloth seen from both sides, through its gaps, over a floor and before the sky; a lamp that shines.
     const Scene scene = scene_from(
         R"({ "camera": {"position": [0, 0.3, 0.9], "target": [0, 0.2, 0], "fov": 50}, "film": {"resolution": [40, 32]},
         "lights": [ {"type": "environment", "colour": [0.4, 0.5, 0.7]},
@@ -414,7 +414,8 @@ TEST_CASE("the terms of light add up to the picture", "[integrator][aovs]")
                      {"shape": "plane", "scale": 0.4, "translate": [0.2, 0.3, 0], "rotate": [70, 0, 10], "uv_scale": 0.4,
                       "fabric": {"name": "gauze", "pattern": "plain 1/1", "resolution": 64, "warp": {"width": 0.0003}, "weft": {"width": 0.0003}}},
                      {"shape": "plane", "scale": 0.4, "translate": [-0.2, 0.3, 0], "rotate": [-80, 0, 0], "uv_scale": 0.4,
-                      "fabric": {"name": "plain", "pattern": "plain 1/1", "resolution": 64}} ] })");
+                      "fabric": {"name": "plain", "pattern": "plain 1/1", "resolution": 64}},
+                     {"shape": "sphere", "scale": 0.05, "translate": [0, 0.5, 0], "emission": [3, 2, 1]} ] })");
     for (const Integrator integrator : {Integrator::direct, Integrator::path}) {
         RenderSettings settings = settings_for(scene, integrator);
         settings.aovs = (1u << aov_count) - 1u;
