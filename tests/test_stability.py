@@ -84,7 +84,7 @@ def test_inputs_reach_the_edges():
     assert (extent == 0).any() and extent.max() > 9e5
     assert {tuple(row) for row in x[:, 10:13].astype(int)} == {(b, w, v) for b in range(2) for w in range(4) for v in range(6)}
     x = rows("light_sample")
-    assert set(x[:, 0]) == set(range(6)) and (np.linalg.norm(x[:, 2:5] - x[:, 19:22], axis=1) == 0).any()
+    assert set(x[:, 0]) == set(range(7)) and (np.linalg.norm(x[:, 2:5] - x[:, 19:22], axis=1) == 0).any()
     intensity = x[:, 8:11][x[:, 8:11] > 0]
     assert intensity.min() < 1e-7 and intensity.max() > 1e7
     x = rows("surface")

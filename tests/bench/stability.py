@@ -64,7 +64,8 @@ def read_tables():
     mips = tuple(take("u4") for _ in range(2))
     yarns, lights = take("f4").reshape(-1, 17), take("f4").reshape(-1, 19)
     environment, alias = take("f4").reshape(eh, ew, 4), take("u4", 2).reshape(eh, ew, 2)
-    return evaluate.Tables(texels, horizons, mips, yarns, lights, environment, alias, take("u2"), take("f4").reshape(-1, 4))
+    return evaluate.Tables(texels, horizons, mips, yarns, lights, environment, alias, take("u2"), take("f4").reshape(-1, 4),
+                           take("f4").reshape(-1, 13))
 
 
 class Glsl(evaluate.GlslEvaluator):

@@ -310,8 +310,65 @@ void put_point(Draw& draw, Writer& out, Context& context)
 }
 
 // 19 numbers. The loader's limits: half angles of suns to 90 degrees, cones from 0.01, edges from 1e-6 m.
+// Triangles of shining objects, small and large, near and far from the origin, and what a light knows of each object.
+struct Emitters {
+    struct Object {
+        int first = 0, count = 0;
+        double area = 0, radius = 0; // [m2], of a ball about `centre` [m]
+        Vec centre{0};
+    };
+    std::vector<Object> objects;
+    std::vector<double> numbers; // row_emitter_numbers a triangle
+};
+
+const Emitters& emitters()
+{
+    static const Emitters all = [] {
+        Emitters e;
+        Draw draw(stream_of("emitters"), 0);
+        for (int object = 0; object < 16; ++object) {
+            Emitters::Object o;
+            o.first = static_cast<int>(e.numbers.size()) / row_emitter_numbers;
+            o.count = draw.whole(1, 4);
+            o.centre = draw.chance(4) ? Vec(0) : sphere(draw) * draw.log(1e-3, 1e4);
+            const double size = draw.log(1e-3, 1e3);
+            for (int k = 0; k < o.count; ++k) {
+                const Vec corner = o.centre + sphere(draw) * size, x = direction(draw),
+                          y = across(draw, x) + x * draw.between(-1, 1); // no slivers: the loader gives them no light
+                const double length = size * draw.log(1e-2, 1);
+                const std::size_t at = e.numbers.size();
+                e.numbers.resize(at + row_emitter_numbers);
+                Writer out(e.numbers.data() + at);
+                out.put(corner), out.put(x * length), out.put(y * length);
+                const std::uint32_t threshold = static_cast<std::uint32_t>(draw.bits());
+                out.put(threshold & 0xffffu), out.put(threshold >> 16);
+                out.put(draw.whole(o.count)), out.put(0);
+                o.area += 0.5 * glm::length(glm::cross(x * length, y * length));
+                o.radius = std::max(o.radius, glm::length(corner - o.centre) + 3 * length);
+            }
+            e.objects.push_back(o);
+        }
+        return e;
+    }();
+    return all;
+}
+
 void put_light(Draw& draw, Writer& out, Context& context, int kind)
 {
+    if (kind == 6) {
+        const Emitters::Object& o = emitters().objects[static_cast<std::size_t>(draw.whole(16))];
+        context.position = o.centre;
+        context.direction = direction(draw);
+        out.put(kind);
+        out.put(draw.chance(4) ? 1 : draw.log(1e-6, 1));
+        out.put(o.centre);
+        out.put(Vec(0, 0, 1));
+        for (int channel = 0; channel < 3; ++channel) out.put(intensity(draw));
+        out.put(Vec(o.area, o.radius, 0));
+        out.put(Vec(0));
+        out.put(o.first), out.put(o.count);
+        return;
+    }
     const Vec axis = direction(draw), position = draw.chance(8) ? Vec(0) : sphere(draw) * draw.log(1e-3, 1e4);
     const Vec x = across(draw, axis), y = glm::cross(axis, x);
     const double size = draw.log(1e-6, 1e3), ratio = draw.chance(4) ? draw.log(1e-3, 1) : 1;
@@ -590,6 +647,9 @@ const std::map<std::string_view, Kind>& kinds()
          {3, true,
           [](Draw& d, Writer& o, Context& c) { o.put(tangent_to(d, c.direction ? *c.direction : direction(d))); }}},
         {"alpha", number_kind(roughness)},
+        {"metal_alpha", number_kind([](Draw& d) { return d.chance(6) ? 1e-3 : d.chance(6) ? 1 : d.log(1e-3, 1); })},
+        {"lens", // radius, distance in focus
+         {2, true, [](Draw& d, Writer& o, Context&) { o.put(d.chance(4) ? 0 : d.log(1e-6, 10)), o.put(d.log(1e-3, 1e5)); }}},
         {"u", {1, true, number_kind(random_number).draw, true}},
         {"part", number_kind(part)},
         {"depth", number_kind([](Draw& d) {
@@ -728,7 +788,7 @@ const std::map<std::string_view, Kind>& kinds()
               o.put(d.whole(64)), o.put(0);
               o.put(16 * d.whole(4));
           }}},
-        {"any_light", light_kind(0, 5)},
+        {"any_light", light_kind(0, 6)},
         {"environment_light", light_kind(0, 0)},
     };
     return all;
@@ -777,6 +837,12 @@ const char* const signatures[] = {
     "point_pdf: point yarn light viewer > positive",
     "cosine_sample: direction u u > unit",
     "point_sample: point yarn viewer u u u u > unit positive",
+    "ggx_d: direction metal_alpha > positive",
+    "ggx_stretch: direction metal_alpha > positive",
+    "fresnel_schlick: share_colour part > share share share",
+    "metal_value: share_colour metal_alpha light viewer > colour",
+    "metal_pdf: metal_alpha light viewer > positive",
+    "metal_sample: metal_alpha viewer u u > unit positive",
     "horizon_azimuth: plane > octant",
     "horizon_step: part part > share",
     "horizon_visibility: horizon direction > share",
@@ -795,6 +861,7 @@ const char* const signatures[] = {
     "transmittance: tile direction bool three bool > positive",
     "noise: word word u u > number",
     "camera_ray: camera raster > vector vector vector vector",
+    "lens_camera: camera lens u u > vector vector",
     "filter_offset: bool u u > pair",
     "barycentric: triangle position > pair",
     "uv_frame: triangle direction geometric > unit unit unit",
@@ -888,16 +955,17 @@ RowTables make_tables()
     for (int k = 0; k < 8; ++k) put_yarn(draw, yarns);
     t.yarns.assign(numbers.begin(), numbers.end());
 
-    const int lights = 48;
+    const int lights = 49;
     numbers.resize(static_cast<std::size_t>(lights * row_light_numbers));
     Writer writer(numbers.data());
     Context context;
     for (int k = 0; k < lights; ++k)
-        put_light(draw, writer, context, k % 6); // the environment, where there is one, comes first
+        put_light(draw, writer, context, k % 7); // the environment, where there is one, comes first
     double total = 0;
     for (int k = 0; k < lights; ++k) total += numbers[static_cast<std::size_t>(k * row_light_numbers + 1)];
     for (int k = 0; k < lights; ++k) numbers[static_cast<std::size_t>(k * row_light_numbers + 1)] /= total;
     t.lights.assign(numbers.begin(), numbers.end());
+    t.emitters.assign(emitters().numbers.begin(), emitters().numbers.end());
 
     t.environment_size = {32, 16};
     std::vector<double> density;

@@ -307,6 +307,7 @@ void write_tables()
     write(t.alias);
     write(t.heights);
     write(t.asg);
+    write(t.emitters);
 }
 
 nlohmann::json replay(const Function& function, std::uint64_t index)
