@@ -4,10 +4,14 @@
 #include <algorithm>
 #include <cerrno>
 #include <cmath>
+#include <csignal>
 #include <cstdio>
+#include <cstdlib>
 #include <cstring>
 #include <filesystem>
 #include <memory>
+#include <mutex>
+#include <set>
 
 #include <fcntl.h>
 #include <unistd.h>
@@ -65,7 +69,7 @@ void refuse_cut_file(const std::string& path)
 }
 
 // A file that has no name until it is whole (O_TMPFILE, Linux 3.11), so that a program that is killed leaves nothing
-// behind; where the folder's file system knows no such thing, PATH.tmp-PID.
+// half written; where the folder's file system knows no such thing, PATH.tmp-PID.
 class Draft
 {
   public:
@@ -73,6 +77,7 @@ class Draft
     {
         std::string folder = std::filesystem::path(path).parent_path().string();
         if (folder.empty()) folder = ".";
+        remove_leftovers(folder, std::filesystem::path(path).filename().string() + ".tmp-");
         descriptor_ = ::open(folder.c_str(), O_TMPFILE | O_RDWR | O_CLOEXEC, 0666);
     }
     ~Draft()
@@ -87,10 +92,12 @@ class Draft
 
     // What a writer opens by name.
     std::string path() const { return descriptor_ >= 0 ? "/proc/self/fd/" + std::to_string(descriptor_) : beside_; }
-    // Puts the finished file in the place of the target. A file cannot be linked over another one, so it gets its
+    // Puts the finished file in the place of the target. A file cannot be linked over another one; then it gets its
     // temporary name for the blink of an eye.
     void finish()
     {
+        if (descriptor_ >= 0 && ::linkat(AT_FDCWD, path().c_str(), AT_FDCWD, target_.c_str(), AT_SYMLINK_FOLLOW) == 0)
+            return;
         const bool named =
             descriptor_ < 0 || ::linkat(AT_FDCWD, path().c_str(), AT_FDCWD, beside_.c_str(), AT_SYMLINK_FOLLOW) == 0;
         if (named && std::rename(beside_.c_str(), target_.c_str()) == 0) return;
@@ -100,6 +107,22 @@ class Draft
     }
 
   private:
+    // What processes that are no more have left under temporary names, at the first write to a target.
+    static void remove_leftovers(const std::string& folder, const std::string& prefix)
+    {
+        static std::mutex guard;
+        static std::set<std::string> seen;
+        const std::lock_guard<std::mutex> lock(guard);
+        if (!seen.insert(folder + "/" + prefix).second) return;
+        std::error_code error;
+        for (const auto& entry : std::filesystem::directory_iterator(folder, error)) {
+            const std::string name = entry.path().filename().string();
+            if (name.rfind(prefix, 0) != 0) continue;
+            const pid_t owner = pid_t(std::strtol(name.c_str() + prefix.size(), nullptr, 10));
+            if (owner > 0 && ::kill(owner, 0) != 0 && errno == ESRCH) std::filesystem::remove(entry.path(), error);
+        }
+    }
+
     std::string target_, beside_;
     int descriptor_ = -1;
 };
