@@ -27,6 +27,14 @@ SAMPLES = 16384
 INTERRUPTIONS = 100
 
 
+@pytest.fixture(autouse=True)
+def signals_end_programs():
+    """A shell starts its background jobs with SIGINT ignored, and programs inherit that; a handler of ours becomes theirs by default."""
+    before = signal.signal(signal.SIGINT, signal.default_int_handler)
+    yield
+    signal.signal(signal.SIGINT, before)
+
+
 def write_scene(folder):
     folder.mkdir(exist_ok=True)
     (folder / "scene.json").write_text(json.dumps(SCENE))
