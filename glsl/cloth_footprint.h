@@ -48,12 +48,12 @@ struct ClothSelection {
     ClothTexel texel;
     ClothYarn yarn;
     int side;               // the viewer's
-    ivec2 xy;               // texel
+    ivec2 spot;             // in quarters of a texel
 };
 
 // Where in the cloth a ray's point lies: what is found by looking at the maps, small enough to be handed from pass to pass.
 struct ClothPlace {
-    ivec2 xy;      // texel
+    ivec2 spot;    // in quarters of a texel
     ivec2 repeat;  // which repeat, counted from the footprint's base
     real area;     // A_p, where the weight is made of areas; 0: nothing visible was found
 };
@@ -63,17 +63,19 @@ CLOTH_FN bool cloth_uses_visibility(ClothSettings settings)
     return settings.bsdf == cloth_bsdf_meso && settings.visibility != cloth_visibility_none;
 }
 
-// V of a direction at texel xy, in the frame of `side`.
-CLOTH_FN real cloth_visibility_at(CLOTH_IN(ClothMaps) maps, int side, ivec2 xy, real3 d, ClothSettings settings)
+// V of a direction at a spot, in the frame of `side`.
+CLOTH_FN real cloth_visibility_at(CLOTH_IN(ClothMaps) maps, int side, ivec2 spot, real3 d, ClothSettings settings)
 {
     if (!cloth_uses_visibility(settings)) return d.z > real(0) ? real(1) : real(0);
+    if (settings.visibility == cloth_visibility_horizon8)
+        return cloth_horizon_visibility(cloth_fetch_horizon(maps, side, cloth_horizon_at(maps, spot)), d);
+    if (settings.visibility == cloth_visibility_horizon16) return cloth_horizon16_visibility(maps, side, spot, d);
+    ivec2 xy = spot >> 2;
     if (settings.visibility == cloth_visibility_asg)
         return cloth_asg_visibility(cloth_fetch_asg(maps, side, xy, 0), cloth_fetch_asg(maps, side, xy, 1), d);
-    if (settings.visibility == cloth_visibility_horizon16) return cloth_horizon16_visibility(maps, side, xy, d);
     if (settings.visibility == cloth_visibility_cap)
         return cloth_cap_visibility(cloth_fetch_visibility(maps, side, xy.y * maps.size.x + xy.x), d);
-    if (settings.visibility == cloth_visibility_exact) return cloth_exact_visibility(maps, side, xy, d);
-    return cloth_horizon_visibility(cloth_horizon(maps, side, xy), d);
+    return cloth_exact_visibility(maps, side, xy, d);
 }
 
 // A_G of the paper: projected area of the footprint from the mean slopes of the mip level that matches it [6.2, 7].
@@ -99,33 +101,32 @@ CLOTH_FN real2 cloth_march(CLOTH_IN(ClothMaps) maps, int side, real2 tile, real3
     real texels = max(abs(run.x) * real(maps.size.x), abs(run.y) * real(maps.size.y)) * cloth_height_top;
     real count  = clamp(ceil(texels / cloth_march_step), real(1), real(cloth_march_steps));
     real step   = cloth_height_top / count;
-    real z      = cloth_height_top - step * u;   // the first step ends in the relief
-    uvec2 place  = cloth_place(start + run * z);
-    uvec2 stride = cloth_place(run * -step);
+    // The ray goes down by quarters of a step, so that the halving below meets the places that the steps have left.
+    uvec2 quarter = cloth_wrap(run * (real(-0.25) * step));
+    real z        = cloth_height_top - step * u;   // the first step ends in the relief
+    uvec2 place   = cloth_wrap(start + run * z);
     for (int k = int(count); k > 0 && cloth_height_at(maps, side, place) < z; --k) {
         z -= step;
-        place += stride;
+        place += quarter << 2u;
     }
     // The surface lies between z and a step above it; halved twice, to three quarters of a texel.
-    real half_step = real(0.5) * step;
-    real above = z + step;
-    for (int k = 0; k < 2; ++k) {
-        real middle = above - half_step;
-        above     = cloth_height_at(maps, side, cloth_place(start + run * middle)) < middle ? middle : above;
-        half_step = real(0.5) * half_step;
-    }
+    real middle = z + real(0.5) * step;
+    bool lower  = cloth_height_at(maps, side, place - (quarter << 1u)) < middle;
+    real above  = lower ? middle : z + step;
+    middle      = above - real(0.25) * step;
+    lower       = cloth_height_at(maps, side, place - (lower ? quarter : quarter * 3u)) < middle;
+    above       = lower ? middle : above;
     // Half way: of a wall between two texels each gets its half. Below alone, crests would be seen too often (2 % too bright).
-    return start + run * (above - half_step);
+    return start + run * (above - real(0.125) * step);
 }
 
 // The point that the ray sees.
-//   side    0 front, 1 back;  o  local direction to the viewer, o.z > 0
+//   side    0 front, 1 back;  o  local direction to the viewer, o.z > 0;  u  cloth_dim_pick, x
 CLOTH_FN ClothPlace cloth_find(CLOTH_IN(ClothMaps) maps, int side, ClothFootprint footprint, real3 o, ClothSettings settings,
-                               ClothRandom random)
+                               ClothRandom random, real u)
 {
     real2 u_footprint = cloth_draw(random, cloth_dim_footprint);
     real2 u_texel     = cloth_draw(random, cloth_dim_texel);
-    real u            = cloth_draw(random, cloth_dim_pick).x;
     // Moving by up to half a texel each way before the nearest fetch is a bilinear filter in the mean.
     real2 half_texel  = (u_texel - real2(real(0.5))) / real2(real(maps.size.x), real(maps.size.y));
 
@@ -147,10 +148,10 @@ CLOTH_FN ClothPlace cloth_find(CLOTH_IN(ClothMaps) maps, int side, ClothFootprin
             xi          = u_footprint + shift;
             xi          = xi - floor(xi) - real2(real(0.5));
             real2 tile  = footprint.tile + footprint.dx * xi.x + footprint.dy * xi.y + half_texel;
-            ivec2 xy    = cloth_texel_at(maps, tile);
-            real2 slope = cloth_decode_slopes(cloth_fetch_texel(maps, side, xy).x);
+            ivec2 spot  = cloth_spot_at(maps, tile);
+            real2 slope = cloth_decode_slopes(cloth_fetch_texel(maps, side, spot >> 2).x);
             real a      = max(o.z - dot(slope, real2(o.x, o.y)), real(0));
-            if (a > real(0)) a *= cloth_visibility_at(maps, side, xy, o, settings);
+            if (a > real(0)) a *= cloth_visibility_at(maps, side, spot, o, settings);
             total += a;
             // Reservoir of one: keep candidate j with probability a / total; u is stretched to be uniform again.
             real keep = total > real(0) ? a / total : real(0);
@@ -164,15 +165,15 @@ CLOTH_FN ClothPlace cloth_find(CLOTH_IN(ClothMaps) maps, int side, ClothFootprin
         }
     }
     real2 base = floor(chosen);
-    return ClothPlace(cloth_texel_at(maps, chosen), ivec2(int(base.x), int(base.y)), area);
+    return ClothPlace(cloth_spot_at(maps, chosen), ivec2(int(base.x), int(base.y)), area);
 }
 
 // What the ray meets at a found point.
+//   u       cloth_dim_pick, y
 //   return  passes, or a point whose value times `weight` is an estimate of the effective BSDF with cosine
 CLOTH_FN ClothSelection cloth_meet(CLOTH_IN(ClothMaps) maps, int side, ClothFootprint footprint, ClothPlace place, real3 o,
-                                   ClothSettings settings, ClothRandom random)
+                                   ClothSettings settings, real u)
 {
-    real u        = cloth_draw(random, cloth_dim_pick).y;
     bool meso     = settings.bsdf == cloth_bsdf_meso;
     bool relief   = meso && settings.weight == cloth_weight_relief;
     bool resample = meso && settings.weight == cloth_weight_resample;
@@ -181,8 +182,8 @@ CLOTH_FN ClothSelection cloth_meet(CLOTH_IN(ClothMaps) maps, int side, ClothFoot
     result.passes = false;
     result.weight = real(1);
     result.side   = side;
-    result.xy     = place.xy;
-    result.texel  = cloth_texel(maps, side, place.xy, settings.twist_noise ? footprint.base + place.repeat : ivec2(0, 0), settings.twist_noise);
+    result.spot   = place.spot;
+    result.texel  = cloth_texel(maps, side, place.spot >> 2, settings.twist_noise ? footprint.base + place.repeat : ivec2(0, 0), settings.twist_noise);
     result.yarn   = cloth_fetch_yarn(maps, result.texel.yarn);
     if (meso && settings.weight == cloth_weight_mips) result.weight = place.area / cloth_area_from_mips(maps, side, footprint, o);
     if (meso && settings.weight == cloth_weight_tile) result.weight = place.area / o.z;
@@ -201,7 +202,7 @@ CLOTH_FN ClothSelection cloth_meet(CLOTH_IN(ClothMaps) maps, int side, ClothFoot
     through      *= min(result.weight, real(1));
     result.passes = u < through;
     if (result.passes && meso)
-        result.passes = u < through * cloth_visibility_at(maps, 1 - side, place.xy, real3(-o.x, -o.y, o.z), settings);
+        result.passes = u < through * cloth_visibility_at(maps, 1 - side, place.spot, real3(-o.x, -o.y, o.z), settings);
     if (result.texel.gap && !result.passes && !relief && !resample && meso) result.weight = real(0);
     // The slab's albedo leaves out what goes straight through: a yarn that is shaded stands for those draws as well, and one
     // whose straight way ends at the yarns behind is dark.
@@ -214,7 +215,8 @@ CLOTH_FN ClothSelection cloth_meet(CLOTH_IN(ClothMaps) maps, int side, ClothFoot
 CLOTH_FN ClothSelection cloth_select(CLOTH_IN(ClothMaps) maps, int side, ClothFootprint footprint, real3 o, ClothSettings settings,
                                      ClothRandom random)
 {
-    return cloth_meet(maps, side, footprint, cloth_find(maps, side, footprint, o, settings, random), o, settings, random);
+    real2 u = cloth_draw(random, cloth_dim_pick);
+    return cloth_meet(maps, side, footprint, cloth_find(maps, side, footprint, o, settings, random, u.x), o, settings, u.y);
 }
 
 // Share of the light travelling along d that crosses the cloth at a point without being scattered. Zero footprint: the mean
@@ -222,13 +224,13 @@ CLOTH_FN ClothSelection cloth_select(CLOTH_IN(ClothMaps) maps, int side, ClothFo
 //   d  local unit direction of travel, either way;  return in [0, inf): mean over the repeat <= 1
 CLOTH_FN real cloth_transmittance(CLOTH_IN(ClothMaps) maps, real2 tile, real3 d, ClothSettings settings)
 {
-    ivec2 xy   = cloth_texel_at(maps, tile);
-    bool gap   = cloth_texel_is_gap(cloth_fetch_texel(maps, 0, xy));
+    ivec2 spot = cloth_spot_at(maps, tile);
+    bool gap   = cloth_texel_is_gap(cloth_fetch_texel(maps, 0, spot >> 2));
     real3 up   = d.z < real(0) ? -d : d;   // the same line, leaving the front
     if (up.z <= real(0) || !(gap || settings.unscattered)) return real(0);
     real share = real(1);
     if (!gap) {
-        ClothTexel texel = cloth_texel(maps, 0, xy, ivec2(0, 0), false);
+        ClothTexel texel = cloth_texel(maps, 0, spot >> 2, ivec2(0, 0), false);
         real facing      = dot(texel.point.normal_f, up);
         if (facing <= real(0)) return real(0);
         share = cloth_unscattered(texel.point, cloth_fetch_yarn(maps, texel.yarn), up);
@@ -236,6 +238,6 @@ CLOTH_FN real cloth_transmittance(CLOTH_IN(ClothMaps) maps, real2 tile, real3 d,
         if (settings.bsdf == cloth_bsdf_meso) share *= facing * texel.point.length_f / max(up.z, cloth_cosine_min);
     }
     if (!cloth_uses_visibility(settings)) return share;
-    return share * cloth_visibility_at(maps, 0, xy, up, settings) *
-           cloth_visibility_at(maps, 1, xy, real3(-up.x, -up.y, up.z), settings);
+    return share * cloth_visibility_at(maps, 0, spot, up, settings) *
+           cloth_visibility_at(maps, 1, spot, real3(-up.x, -up.y, up.z), settings);
 }

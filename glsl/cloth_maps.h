@@ -20,10 +20,17 @@ CLOTH_FN real2 cloth_decode_slopes(uint word)
     return real2(real(x), real(y)) * (cloth_slope_max / real(32767));
 }
 
-CLOTH_FN ivec2 cloth_texel_at(CLOTH_IN(ClothMaps) maps, real2 tile)   // nearest texel of a position in tiles, any finite position
+// A spot is a place in the repeat, in quarters of a texel: xy of its texel is spot >> 2. Of a position in tiles, any finite one.
+CLOTH_FN ivec2 cloth_spot_at(CLOTH_IN(ClothMaps) maps, real2 tile)
 {
-    real2 f = tile - floor(tile);
-    return ivec2(min(int(f.x * real(maps.size.x)), maps.size.x - 1), min(int(f.y * real(maps.size.y)), maps.size.y - 1));
+    real2 f    = tile - floor(tile);
+    ivec2 size = maps.size * 4;
+    return ivec2(min(int(f.x * real(size.x)), size.x - 1), min(int(f.y * real(size.y)), size.y - 1));
+}
+
+CLOTH_FN ivec2 cloth_texel_at(CLOTH_IN(ClothMaps) maps, real2 tile)   // nearest texel
+{
+    return cloth_spot_at(maps, tile) >> 2;
 }
 
 CLOTH_FN bool cloth_texel_is_gap(uvec2 word)
@@ -66,38 +73,33 @@ CLOTH_FN ClothTexel cloth_texel(CLOTH_IN(ClothMaps) maps, int side, ivec2 xy, iv
                       real(front.y >> 24u) / real(255));
 }
 
-// Horizons around texel xy: bilinear between half-resolution texels.
-CLOTH_FN ClothHorizon cloth_horizon(CLOTH_IN(ClothMaps) maps, int side, ivec2 xy)
+// Half-resolution texel along one axis whose horizons a spot sees: its own, or from the outermost quarter of a texel the next
+// one. All quarters of a texel together are the bilinear filter between half-resolution texels [8.5], at one fetch in place of
+// four; where in its texel a ray arrives is random.
+CLOTH_FN int cloth_horizon_cell(int spot, int size)
 {
-    // Half-resolution texel (X, Y) is at full-resolution coordinate 2X + 1/2 between texel centres.
-    ivec2 size = ivec2(maps.size.x / 2, maps.size.y / 2);
-    real2 h    = real2((real(xy.x) - real(0.5)) * real(0.5), (real(xy.y) - real(0.5)) * real(0.5));
-    real2 base = floor(h);
-    int x0 = base.x < real(0) ? size.x - 1 : int(base.x), y0 = base.y < real(0) ? size.y - 1 : int(base.y);
-    int x1 = x0 + 1 == size.x ? 0 : x0 + 1, y1 = y0 + 1 == size.y ? 0 : y0 + 1;
-    return ClothHorizon(cloth_fetch_horizon(maps, side, ivec2(x0, y0)), cloth_fetch_horizon(maps, side, ivec2(x1, y0)),
-                        cloth_fetch_horizon(maps, side, ivec2(x0, y1)), cloth_fetch_horizon(maps, side, ivec2(x1, y1)), h - base);
+    int inside = spot & 3;
+    int cell   = (spot + (inside == 3 ? 1 : 0) - (inside == 0 ? 1 : 0)) >> 3;
+    return cell < 0 ? size - 1 : cell < size ? cell : 0;
+}
+
+CLOTH_FN ivec2 cloth_horizon_at(CLOTH_IN(ClothMaps) maps, ivec2 spot)
+{
+    return ivec2(cloth_horizon_cell(spot.x, maps.size.x / 2), cloth_horizon_cell(spot.y, maps.size.y / 2));
 }
 
 // V from 16 knots: as cloth_horizon_visibility, with knots at multiples of 22.5 degrees, which lie half way between its own.
-CLOTH_FN real cloth_horizon16_visibility(CLOTH_IN(ClothMaps) maps, int side, ivec2 xy, real3 d)
+CLOTH_FN real cloth_horizon16_visibility(CLOTH_IN(ClothMaps) maps, int side, ivec2 spot, real3 d)
 {
     if (d.z <= real(0)) return real(0);
     real g     = real(2) * cloth_horizon_azimuth(real2(d.x, d.y));
     real k     = floor(g);
     uint k0    = uint(k) & 15u;
     uint k1    = (k0 + 1u) & 15u;
-    ivec2 size = ivec2(maps.size.x / 2, maps.size.y / 2);
-    ivec2 low  = ivec2((xy.x + maps.size.x - 1) / 2 % size.x, (xy.y + maps.size.y - 1) / 2 % size.y);
-    real s = real(0);
-    for (int corner = 0; corner < 4; ++corner) {
-        // An even texel lies 3/4 of the way from the corner before it, an odd one 1/4.
-        bool right = (corner & 1) != 0, above = corner > 1;
-        int index  = 2 * ((low.y + (above ? 1 : 0)) % size.y * size.x + (low.x + (right ? 1 : 0)) % size.x);
-        real s0    = cloth_horizon_knot(cloth_fetch_visibility(maps, side, index + int(k0 >> 3u)), k0 & 7u);
-        real s1    = cloth_horizon_knot(cloth_fetch_visibility(maps, side, index + int(k1 >> 3u)), k1 & 7u);
-        s += mix(s0, s1, g - k) * (right == ((xy.x & 1) == 0) ? real(0.75) : real(0.25)) * (above == ((xy.y & 1) == 0) ? real(0.75) : real(0.25));
-    }
+    ivec2 cell = cloth_horizon_at(maps, spot);
+    int index  = 2 * (cell.y * (maps.size.x / 2) + cell.x);
+    real s     = mix(cloth_horizon_knot(cloth_fetch_visibility(maps, side, index + int(k0 >> 3u)), k0 & 7u),
+                     cloth_horizon_knot(cloth_fetch_visibility(maps, side, index + int(k1 >> 3u)), k1 & 7u), g - k);
     return cloth_horizon_step(s / real(255), d.z);
 }
 
@@ -136,14 +138,14 @@ CLOTH_FN real cloth_exact_visibility(CLOTH_IN(ClothMaps) maps, int side, ivec2 x
     return real(1);
 }
 
-// A place in the repeat as 32-bit fractions of its sides, which wrap by themselves, from any finite position in tiles.
-CLOTH_FN uvec2 cloth_place(real2 tile)
+// A position in tiles, any finite one, as 32-bit fractions of the repeat's sides, which wrap by themselves.
+CLOTH_FN uvec2 cloth_wrap(real2 tile)
 {
     real2 f = tile - floor(tile);
     return uvec2(uint(int(f.x * real(16777216))) << 8u, uint(int(f.y * real(16777216))) << 8u);
 }
 
-// Height at a place, in units of the map: 0 lowest, cloth_height_top highest; flat within a texel.
+// Height at such a place, in units of the map: 0 lowest, cloth_height_top highest; flat within a texel.
 CLOTH_FN real cloth_height_at(CLOTH_IN(ClothMaps) maps, int side, uvec2 place)
 {
     return real(cloth_fetch_height(maps, side, ivec2(((place >> 16u) * uvec2(maps.size)) >> 16u)));

@@ -4,15 +4,6 @@
 // Half width of the soft step of V, in sin(elevation) [8.5].
 CLOTH_CONST real cloth_horizon_soft = real(0.06);
 
-// The four half-resolution texels around a point, still packed: a direction needs two of the eight knots.
-struct ClothHorizon {
-    uvec2 a;        // (X, Y)
-    uvec2 b;        // (X+1, Y)
-    uvec2 c;        // (X, Y+1)
-    uvec2 d;        // (X+1, Y+1)
-    real2 weight;   // bilinear weight of the +1 column and row
-};
-
 // Azimuth of d in knots, [0, 8), without atan2: max error .005 octants [8.5]. d.xy = 0 gives 0 [hazard 11].
 CLOTH_FN real cloth_horizon_azimuth(real2 d)
 {
@@ -40,20 +31,15 @@ CLOTH_FN real cloth_horizon_step(real s, real z)
     return clamp((z - low) / max(high - low, real(1e-6)), real(0), real(1));
 }
 
-// V in [0, 1] of a unit direction d, d.z > 0, in the frame of the horizon's side; 0 at and below the horizontal.
-CLOTH_FN real cloth_horizon_visibility(ClothHorizon horizon, real3 d)
+// V in [0, 1] of a unit direction d, d.z > 0, in the frame of the knots' side; 0 at and below the horizontal.
+//   knots  eight, packed: one half-resolution texel
+CLOTH_FN real cloth_horizon_visibility(uvec2 knots, real3 d)
 {
     if (d.z <= real(0)) return real(0);
-    real g     = cloth_horizon_azimuth(real2(d.x, d.y));
-    real k     = floor(g);
-    real f     = g - k;
-    uint k0    = uint(k) & 7u;
-    uint k1    = (k0 + 1u) & 7u;
-    real s_a   = mix(cloth_horizon_knot(horizon.a, k0), cloth_horizon_knot(horizon.a, k1), f);
-    real s_b   = mix(cloth_horizon_knot(horizon.b, k0), cloth_horizon_knot(horizon.b, k1), f);
-    real s_c   = mix(cloth_horizon_knot(horizon.c, k0), cloth_horizon_knot(horizon.c, k1), f);
-    real s_d   = mix(cloth_horizon_knot(horizon.d, k0), cloth_horizon_knot(horizon.d, k1), f);
-    real s     = mix(mix(s_a, s_b, horizon.weight.x), mix(s_c, s_d, horizon.weight.x), horizon.weight.y);
+    real g  = cloth_horizon_azimuth(real2(d.x, d.y));
+    real k  = floor(g);
+    uint k0 = uint(k) & 7u;
+    real s  = mix(cloth_horizon_knot(knots, k0), cloth_horizon_knot(knots, (k0 + 1u) & 7u), g - k);
     return cloth_horizon_step(s / real(255), d.z);
 }
 

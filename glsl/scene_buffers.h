@@ -81,13 +81,13 @@ ClothFootprint footprint_on(SceneObject object, int triangle, ClothSurface surfa
     return ClothFootprint(surface.tile, surface.tile_dx, surface.tile_dy, fetch_tile_base(object, triangle));
 }
 
-// The visibility pass has to find a point of every cloth with gaps; the shade pass takes it from there, in two words: texel
+// The visibility pass has to find a point of every cloth with gaps; the shade pass takes it from there, in two words: spot
 // with the top bit set, repeat (16 bits each; where a triangle has more repeats, float has lost their texels anyway). Not where
 // the model weighs points by area, which has no room: those are found again.
 uvec2 hand_over(ClothPlace place)
 {
     if (MODEL_BSDF == cloth_bsdf_meso && MODEL_WEIGHT != cloth_weight_relief) return uvec2(0u);
-    return uvec2(0x80000000u | uint(place.xy.y << 16) | uint(place.xy.x), uint(place.repeat.y << 16) | (uint(place.repeat.x) & 0xffffu));
+    return uvec2(0x80000000u | uint(place.spot.y << 16) | uint(place.spot.x), uint(place.repeat.y << 16) | (uint(place.repeat.x) & 0xffffu));
 }
 
 bool handed_over(uvec2 words)

@@ -47,13 +47,14 @@ void main()
 #ifdef FABRIC
         if (!object.matte) {
             ClothFootprint footprint = footprint_on(object, triangle_index, surface);
+            vec2 u = cloth_draw(random, cloth_dim_pick);
             ClothPlace place;
 #ifdef GAPS
             if (n == 0u && handed_over(id.zw)) place = take_over(id.zw);
             else
 #endif
-            place = cloth_find(object.maps, surface.side, footprint, surface.wo, frame_settings(), random);
-            ClothSelection selection = cloth_meet(object.maps, surface.side, footprint, place, surface.wo, frame_settings(), random);
+            place = cloth_find(object.maps, surface.side, footprint, surface.wo, frame_settings(), random, u.x);
+            ClothSelection selection = cloth_meet(object.maps, surface.side, footprint, place, surface.wo, frame_settings(), u.y);
 #ifdef GAPS
 #ifdef FOOTPRINT
             for (uint k = 1u; n > 0u && selection.passes && k < attempts; ++k)

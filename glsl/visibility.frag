@@ -17,8 +17,9 @@ void main()
     ClothSurface surface = cloth_surface(fetch_triangle(object.first_triangle + gl_PrimitiveID), frame_ray(gl_FragCoord.xy));
     ClothRandom random   = layer_random(pixel_seed(gl_FragCoord.xy), object_index, gl_PrimitiveID, 0u);
     ClothFootprint footprint = footprint_on(object, gl_PrimitiveID, surface);
-    ClothPlace place     = cloth_find(object.maps, surface.side, footprint, surface.wo, frame_settings(), random);
-    if (cloth_meet(object.maps, surface.side, footprint, place, surface.wo, frame_settings(), random).passes) discard;
+    vec2 u               = cloth_draw(random, cloth_dim_pick);
+    ClothPlace place     = cloth_find(object.maps, surface.side, footprint, surface.wo, frame_settings(), random, u.x);
+    if (cloth_meet(object.maps, surface.side, footprint, place, surface.wo, frame_settings(), u.y).passes) discard;
     id = uvec4(uint(object_index) + 1u, uint(gl_PrimitiveID), hand_over(place));
 #else
     id = uvec4(uint(object_index) + 1u, uint(gl_PrimitiveID), 0u, 0u);

@@ -419,7 +419,7 @@ void Renderer::add_first_aovs(Batch& batch, std::uint32_t lane, RenderState& sta
         if (seen.pdf > 0.0f)
             *to += double(f32::cloth_visibility_at(
                 maps_[first.object], reflected ? shading.selection.side : 1 - shading.selection.side,
-                shading.selection.xy, reflected ? wi : f32::cloth_mirror(wi), scene_.model.settings));
+                shading.selection.spot, reflected ? wi : f32::cloth_mirror(wi), scene_.model.settings));
     }
     if (!(settings_.aovs & aov_terms) || batch.through[lane] || !batch.light[lane].any) return;
     if (shading.matte) {

@@ -216,16 +216,15 @@ def horizon_step(s, z):
     return np.clip((z - low) / np.maximum(high - low, 1e-6), 0, 1)
 
 
-def horizon_visibility(knots, weight, d):
-    """knots (..., 4, 8) of the texels (0,0), (1,0), (0,1), (1,1), in [0, 255]."""
-    g = horizon_azimuth(d[..., :2])
+def horizon_visibility(knots, d):
+    """knots (..., K), equal steps of azimuth, in [0, 255]."""
+    count = knots.shape[-1]
+    g = horizon_azimuth(d[..., :2]) * count / 8
     k = np.floor(g).astype(int)
     f = g - k
     def knot(index):
-        return np.take_along_axis(knots, np.broadcast_to((index % 8)[..., None, None], knots.shape[:-1] + (1,)), -1)[..., 0]
-    s = knot(k) * (1 - f)[..., None] + knot(k + 1) * f[..., None]
-    wx, wy = weight[..., 0], weight[..., 1]
-    s = (s[..., 0] * (1 - wx) + s[..., 1] * wx) * (1 - wy) + (s[..., 2] * (1 - wx) + s[..., 3] * wx) * wy
+        return np.take_along_axis(knots, (index % count)[..., None], -1)[..., 0]
+    s = knot(k) * (1 - f) + knot(k + 1) * f
     return np.where(d[..., 2] > 0, horizon_step(s / 255, d[..., 2]), 0)
 
 
@@ -279,9 +278,13 @@ class Maps:
         self.mips = [decode_slopes(side) for side in tables.mips]
         self.yarns = np.asarray(tables.yarns, float)
 
-    def texel_at(self, tile):
-        size = np.array([self.w, self.h])
+    def spot_at(self, tile):
+        """Position in quarters of a texel."""
+        size = 4 * np.array([self.w, self.h])
         return np.minimum(np.floor((tile - np.floor(tile)) * size).astype(int), size - 1)
+
+    def texel_at(self, tile):
+        return self.spot_at(tile) // 4
 
     def texel(self, side, x, y):
         """The 16 numbers of out_texel."""
@@ -297,33 +300,28 @@ class Maps:
         t = np.cos(omega) * t_p + np.sin(omega) * np.cross(n_f, t_p)
         return np.concatenate([n_f, n_b, t, [len_f, len_b], s, [yarn, self.gap[side][y, x], self.openness[side][y, x]]])
 
-    def horizon(self, side, x, y):
-        """Corner indices and bilinear weight of full-resolution texel (x, y): half-resolution centres are at 2X + 1/2."""
-        hx, hy = (x - 0.5) / 2, (y - 0.5) / 2
-        x0, y0 = int(np.floor(hx)), int(np.floor(hy))
-        corners = [((x0 + dx) % (self.w // 2), (y0 + dy) % (self.h // 2)) for dy in (0, 1) for dx in (0, 1)]
-        return corners, np.array([hx - x0, hy - y0])
+    def horizon_at(self, spot):
+        """Half-resolution texel of a spot. A full-resolution texel lies 3/4 in its own and 1/4 in the one beside it [8.5]; three of its
+        quarters take the one, the outermost takes the other."""
+        def axis(at, count):
+            texel, quarter = divmod(at, 4)
+            outermost = 0 if texel % 2 == 0 else 3
+            beside = texel // 2 + (-1 if texel % 2 == 0 else 1)
+            return (beside if quarter == outermost else texel // 2) % count
+        return axis(int(spot[0]), self.w // 2), axis(int(spot[1]), self.h // 2)
 
-    def visibility(self, side, x, y, d):
-        corners, weight = self.horizon(side, x, y)
-        knots = np.stack([self.knots[side][self.block(corner)] for corner in corners])
-        return float(horizon_visibility(knots[None], weight[None], np.asarray(d, float)[None])[0])
+    def visibility(self, side, spot, d):
+        return float(horizon_visibility(self.knots[side][self.block(self.horizon_at(spot))][None], np.asarray(d, float)[None])[0])
 
     def block(self, corner):
         """Index of a half-resolution texel (x, y)."""
         return corner[1] * (self.w // 2) + corner[0]
 
-    def visibility16(self, side, x, y, d):
-        """As visibility, with two words of eight knots a corner: knot k at k / 2 octants [8.5]."""
-        corners, (wx, wy) = self.horizon(side, x, y)
-        g = 2 * float(horizon_azimuth(np.asarray(d[:2], float)[None])[0])
-        k, f = int(np.floor(g)), g - np.floor(g)
-        s = []
-        for corner in corners:
-            knots = np.concatenate([self.knots[side][2 * self.block(corner) + part] for part in (0, 1)])
-            s.append(knots[k % 16] * (1 - f) + knots[(k + 1) % 16] * f)
-        s = (s[0] * (1 - wx) + s[1] * wx) * (1 - wy) + (s[2] * (1 - wx) + s[3] * wx) * wy
-        return float(horizon_step(s / 255, d[2])) if d[2] > 0 else 0.0
+    def visibility16(self, side, spot, d):
+        """As visibility, with two words of eight knots."""
+        first = 2 * self.block(self.horizon_at(spot))
+        knots = np.concatenate([self.knots[side][first], self.knots[side][first + 1]])
+        return float(horizon_visibility(knots[None], np.asarray(d, float)[None])[0])
 
     def clearance(self, side, x, y, d, tile_m, low, high):
         """Whether a ray from the texel's centre clears the heights, interpolated along the texel lines of the axis that it crosses
@@ -564,29 +562,30 @@ def select(maps, side, tile, dx, dy, o, bsdf, mode, visibility, seed, index, off
     draw = {d: [unit_float(b) for b in random_bits(seed, index, offset + d)] for d in (1, 2, 3)}
     size = np.array([maps.w, maps.h])
     meso, resample, uses = bsdf == 1, bsdf == 1 and mode == 0, bsdf == 1 and visibility != 0
-    def seen(s, x, y, d):
-        return maps.visibility(s, x, y, d) if uses else float(d[2] > 0)
+    def seen(s, spot, d):
+        return maps.visibility(s, spot, d) if uses else float(d[2] > 0)
     total, chosen, area, u = 0.0, None, 0.0, draw[3][0]
     for j in range(12 if resample else 1):
         xi = np.array(draw[1]) + j * np.array([0.7548776662466927, 0.5698402909980532])
         xi = xi - np.floor(xi) - 0.5
-        x, y = maps.texel_at(tile + dx * xi[0] + dy * xi[1] + (np.array(draw[2]) - 0.5) / size)
+        spot = maps.spot_at(tile + dx * xi[0] + dy * xi[1] + (np.array(draw[2]) - 0.5) / size)
+        x, y = spot // 4
         a = max(o[2] - maps.slopes[side][y, x] @ o[:2], 0)
         if meso and a > 0:
-            a *= seen(side, x, y, o)
+            a *= seen(side, spot, o)
         total += a
         share = a / total if total > 0 else 0
         if j == 0 or u < share:
-            chosen, area = (x, y), a
+            chosen, area = spot, a
         if a > 0:
             u = u / share if u < share else (u - share) / max(1 - share, 1e-6)
         if j >= 3 and total > 0:
             break
-    x, y = chosen
+    x, y = chosen // 4
     weight = area / maps.area_from_mips(side, tile, dx, dy, o) if meso and mode == 1 else 1.0
     texel = maps.texel(side, x, y)
     if maps.gap[side][y, x]:
-        clear = seen(1 - side, x, y, np.array([-o[0], -o[1], o[2]])) if meso else 1.0
+        clear = seen(1 - side, chosen, np.array([-o[0], -o[1], o[2]])) if meso else 1.0
         if draw[3][1] < clear * min(weight, 1):
             return np.concatenate([[1], np.zeros(17)])
         if mode == 1:
@@ -599,7 +598,8 @@ def select(maps, side, tile, dx, dy, o, bsdf, mode, visibility, seed, index, off
 def transmittance(maps, tile, d, bsdf, visibility, unscattered):
     """[5.2]: in a gap V V of the two sides; on a yarn, where the fibres let light through, U times that [3.1], weighted by A_p / d.z in the
     meso model."""
-    x, y = maps.texel_at(tile)
+    spot = maps.spot_at(tile)
+    x, y = spot // 4
     up = -d if d[2] < 0 else d
     share = 1.0
     if up[2] <= 0:
@@ -616,7 +616,7 @@ def transmittance(maps, tile, d, bsdf, visibility, unscattered):
             share *= facing * texel[9] / up[2]
     if bsdf == 0 or visibility == 0:
         return share
-    return share * maps.visibility(0, x, y, up) * maps.visibility(1, x, y, np.array([-up[0], -up[1], up[2]]))
+    return share * maps.visibility(0, spot, up) * maps.visibility(1, spot, np.array([-up[0], -up[1], up[2]]))
 
 
 def interreflection(rho, openness):

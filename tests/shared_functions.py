@@ -494,13 +494,12 @@ def _():
 @function("horizon_visibility", floor=1.0, strict=True)
 def _():
     def inputs(rng):
-        k = np.minimum(rng.exponential(60, (N, 4, 8)), 255).astype(np.uint64)
+        k = np.minimum(rng.exponential(60, (N, 8)), 255).astype(np.uint64)
         k[:50], k[50:60] = 0, 255
-        packed = sum(k[..., j::4] << np.uint64(8 * j) for j in range(4))     # (N, 4, 2)
-        return np.c_[halves(packed).reshape(N, 16), rng.random((N, 2)), np.r_[viewer(rng, N - 100), sphere(rng, 100)]]
+        packed = sum(k[..., j::4] << np.uint64(8 * j) for j in range(4))     # (N, 2)
+        return np.c_[halves(packed).reshape(N, 4), np.r_[viewer(rng, N - 100), sphere(rng, 100)]]
     def expect(xs):
-        w = np.stack([word(xs, k) for k in range(0, 16, 2)], -1).reshape(-1, 4, 2)
-        return oracle.horizon_visibility(oracle.unpack_knots(w), xs[:, 16:18], xs[:, 18:21])
+        return oracle.horizon_visibility(oracle.unpack_knots(np.stack([word(xs, 0), word(xs, 2)], -1)), xs[:, 4:7])
     return inputs, expect
 
 
@@ -520,16 +519,17 @@ def _():
 
 
 def visibility_of_kind(x):
-    side, tx, ty, kind, d = int(x[0]), int(x[1]), int(x[2]), int(x[3]), x[4:7]
+    side, spot, kind, d = int(x[0]), x[1:3].astype(int), int(x[3]), x[4:7]
+    tx, ty = spot // 4
     if kind == 0:
         return float(d[2] > 0)
     if kind == 1:
-        return MAPS.visibility(side, tx, ty, d)
+        return MAPS.visibility(side, spot, d)
     if kind == 2:
         a = MAPS.asg[ty, tx]
         return float(oracle.asg_visibility(a[None, :3], *(a[None, k] for k in (3, 4, 5, 6)), oracle.unit(d[None]))[0])
     if kind == 3:
-        return MAPS.visibility16(side, tx, ty, d)
+        return MAPS.visibility16(side, spot, d)
     if kind == 4:
         return float(oracle.cap_visibility(MAPS.words[side][ty * MAPS.w + tx][None], d[None])[0])
     return float(clearance(x) >= 0)
@@ -537,7 +537,7 @@ def visibility_of_kind(x):
 
 def clearance(x):
     side = int(x[0])
-    return MAPS.clearance(side, int(x[1]), int(x[2]), x[4:7], x[7:9], x[9 + side], x[11 + side])
+    return MAPS.clearance(side, int(x[1]) // 4, int(x[2]) // 4, x[4:7], x[7:9], x[9 + side], x[11 + side])
 
 
 def grazing_slack(xs):
@@ -551,7 +551,7 @@ def _():
     def inputs(rng):
         w, h = MAPS.w, MAPS.h
         low = rng.uniform(-1e-3, 0, (N, 2))
-        return np.c_[rng.integers(0, 2, N), rng.integers(0, w, N), rng.integers(0, h, N), rng.integers(0, 6, N), viewer(rng, N),
+        return np.c_[rng.integers(0, 2, N), rng.integers(0, 4 * w, N), rng.integers(0, 4 * h, N), rng.integers(0, 6, N), viewer(rng, N),
                      rng.uniform(5e-4, 5e-3, (N, 2)), low, low + 10 ** rng.uniform(-5, -3, (N, 2))]
     return inputs, lambda xs: np.array([visibility_of_kind(x) for x in xs])
 
@@ -583,15 +583,11 @@ def _():
     return every_texel, lambda xs: np.array([MAPS.texel(*map(int, x)) for x in xs])
 
 
-@function("horizon", tables=True, strict=True)
+@function("horizon_at", tables=True, strict=True)
 def _():
-    def expect(xs):
-        out = []
-        for side, x, y in xs.astype(int):
-            corners, weight = MAPS.horizon(side, x, y)
-            out.append(np.r_[[halves(MAPS.words[side][MAPS.block(corner)]).ravel() for corner in corners], ].ravel().tolist() + weight.tolist())
-        return np.array(out)
-    return every_texel, expect
+    def inputs(rng):
+        return np.array([(x, y) for y in range(4 * MAPS.h) for x in range(4 * MAPS.w)], float)
+    return inputs, lambda xs: np.array([MAPS.horizon_at(x) for x in xs.astype(int)], float)
 
 
 @function("mean_slopes", tables=True, strict=True)

@@ -51,12 +51,6 @@ CLOTH_FN ClothYarn in_yarn(int k)   // 17
     return ClothYarn(in3(k), in3(k + 3), in3(k + 6), in3(k + 9), in1(k + 12), in1(k + 13), in1(k + 14), in1(k + 15), in1(k + 16), real3(real(0)));
 }
 
-CLOTH_FN ClothHorizon in_horizon(int k)   // 18
-{
-    return ClothHorizon(uvec2(in_word(k), in_word(k + 2)), uvec2(in_word(k + 4), in_word(k + 6)),
-                        uvec2(in_word(k + 8), in_word(k + 10)), uvec2(in_word(k + 12), in_word(k + 14)), in2(k + 16));
-}
-
 CLOTH_FN ClothTriangle in_triangle(int k)   // 24
 {
     return ClothTriangle(in3(k), in3(k + 3), in3(k + 6), in3(k + 9), in3(k + 12), in3(k + 15), in2(k + 18), in2(k + 20), in2(k + 22));
@@ -108,17 +102,4 @@ CLOTH_FN void out_texel(int k, ClothTexel t)   // 16
     out1(k + 13, real(t.yarn));
     out1(k + 14, t.gap ? real(1) : real(0));
     out1(k + 15, t.openness_f);
-}
-
-CLOTH_FN void out_horizon(int k, ClothHorizon h)   // 18
-{
-    out_word(k, h.a.x);
-    out_word(k + 2, h.a.y);
-    out_word(k + 4, h.b.x);
-    out_word(k + 6, h.b.y);
-    out_word(k + 8, h.c.x);
-    out_word(k + 10, h.c.y);
-    out_word(k + 12, h.d.x);
-    out_word(k + 14, h.d.y);
-    out2(k + 16, h.weight);
 }

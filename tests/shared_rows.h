@@ -33,7 +33,7 @@ ROW(metal_sample, 6, 4, ClothSample s = cloth_metal_sample(in1(0), in3(1), in2(4
 // ---- cloth_visibility.h
 ROW(horizon_azimuth, 2, 1, out1(0, cloth_horizon_azimuth(in2(0)));)
 ROW(horizon_step, 2, 1, out1(0, cloth_horizon_step(in1(0), in1(1)));)
-ROW(horizon_visibility, 21, 1, out1(0, cloth_horizon_visibility(in_horizon(0), in3(18)));)
+ROW(horizon_visibility, 7, 1, out1(0, cloth_horizon_visibility(uvec2(in_word(0), in_word(2)), in3(4)));)
 
 ROW(cap_visibility, 7, 1, out1(0, cloth_cap_visibility(uvec2(in_word(0), in_word(2)), in3(4)));)
 ROW(visibility_at, 13, 1, ClothMaps m = in_maps(); m.tile_m = in2(7); m.height_low = in2(9); m.height_high = in2(11); out1(0, cloth_visibility_at(m, in_int(0), ivec2(in_int(1), in_int(2)), in3(4), ClothSettings(cloth_bsdf_meso, cloth_weight_relief, in_int(3), cloth_slab_ply, false, false, false)));)
@@ -43,7 +43,7 @@ ROW(asg_visibility, 11, 1, out1(0, cloth_asg_visibility(real4(in3(0), in1(3)), r
 ROW(decode_slopes, 2, 2, out2(0, cloth_decode_slopes(in_word(0)));)
 ROW(texel_at, 2, 2, ivec2 xy = cloth_texel_at(in_maps(), in2(0)); out2(0, real2(real(xy.x), real(xy.y)));)
 ROW(texel, 3, 16, out_texel(0, cloth_texel(in_maps(), in_int(0), ivec2(in_int(1), in_int(2)), ivec2(0, 0), false));)
-ROW(horizon, 3, 18, out_horizon(0, cloth_horizon(in_maps(), in_int(0), ivec2(in_int(1), in_int(2))));)
+ROW(horizon_at, 2, 2, ivec2 cell = cloth_horizon_at(in_maps(), ivec2(in_int(0), in_int(1))); out2(0, real2(real(cell.x), real(cell.y)));)
 ROW(mean_slopes, 4, 2, out2(0, cloth_mean_slopes(in_maps(), in_int(0), in2(1), in_int(3)));)
 ROW(area_from_mips, 10, 1, out1(0, cloth_area_from_mips(in_maps(), in_int(0), in_footprint(1), in3(7)));)
 ROW(select, 18, 18, ClothSelection s = cloth_select(in_maps(), in_int(0), in_footprint(1), in3(7), ClothSettings(in_int(10), in_int(11) + 1, in_int(12), cloth_slab_ply, false, false, false), ClothRandom(in_word(13), in_word(15), uint(in_int(17)))); out1(0, s.passes ? real(1) : real(0)); out1(1, s.passes ? real(0) : s.weight); if (!s.passes) { out_texel(2, s.texel); } else { for (int k = 2; k < 18; ++k) { out1(k, real(0)); } })

@@ -246,11 +246,11 @@ def test_frame_is_orthonormal_and_right_handed(call, precision, n):
 
 
 @SETTINGS
-@hypothesis.given(knots=st.lists(st.integers(0, 65535), min_size=16, max_size=16), weight=st.tuples(shares, shares), d=directions())
-def test_horizon_visibility_is_a_share(call, knots, weight, d):
-    v = call("horizon_visibility", knots, weight, d)[0]
+@hypothesis.given(knots=st.lists(st.integers(0, 65535), min_size=4, max_size=4), d=directions())
+def test_horizon_visibility_is_a_share(call, knots, d):
+    v = call("horizon_visibility", knots, d)[0]
     assert 0 <= v <= 1 and (v == 0 or d[2] > 0)
-    assert d[2] <= 1e-5 or call("horizon_visibility", np.zeros(16), weight, d)[0] == 1   # no horizon, no shade
+    assert d[2] <= 1e-5 or call("horizon_visibility", np.zeros(4), d)[0] == 1   # no horizon, no shade
 
 
 @SETTINGS

@@ -56,19 +56,19 @@ PackedFabric baked(const Options& options, VisibilityKind kind)
 // ------------------------------------------------------------------------------------------------------
 
 struct Question {
-    glm::ivec2 xy;
+    glm::ivec2 spot; // in quarters of a texel
     glm::vec3 d;
 };
 
-// Texels and directions, uniform in solid angle over the hemisphere.
+// Spots and directions, uniform in solid angle over the hemisphere.
 std::vector<Question> questions(glm::ivec2 size, int count)
 {
     std::vector<Question> out;
     TruthRandom random(7);
     for (int k = 0; k < count; ++k) {
         const double z = random.uniform(), phi = 2 * pi_d * random.uniform(), r = std::sqrt(1 - z * z);
-        const glm::ivec2 xy(int(random.uniform() * size.x), int(random.uniform() * size.y));
-        out.push_back({xy, glm::vec3(r * std::cos(phi), r * std::sin(phi), z)});
+        const glm::ivec2 spot(int(random.uniform() * 4 * size.x), int(random.uniform() * 4 * size.y));
+        out.push_back({spot, glm::vec3(r * std::cos(phi), r * std::sin(phi), z)});
     }
     return out;
 }
@@ -89,7 +89,7 @@ nlohmann::json measure_visibility_kinds(const Options& options)
         const ReliefTruth truth(plain, side);
         exact[side].resize(asked.size());
         tbb::parallel_for(std::size_t(0), asked.size(), [&](std::size_t k) {
-            const glm::dvec2 at = glm::dvec2(asked[k].xy) + 0.5;
+            const glm::dvec2 at = glm::dvec2(asked[k].spot >> 2) + 0.5;
             exact[side][k] = truth.occluded(at, truth.height_at(at) + truth.lift_m, asked[k].d) ? 0.0f : 1.0f;
         });
     }
@@ -100,8 +100,14 @@ nlohmann::json measure_visibility_kinds(const Options& options)
         f32::ClothSettings settings = full_model;
         settings.visibility = none ? f32::cloth_visibility_none : visibility_lookup(fabric.visibility);
         const f32::ClothMaps maps = maps_of(fabric);
-        const auto look_up = [&](int side, const Question& q) {
-            return f32::cloth_visibility_at(maps, side, q.xy, q.d, settings);
+        const auto look_up = [&](int side, glm::ivec2 spot, glm::vec3 d) {
+            return f32::cloth_visibility_at(maps, side, spot, d, settings);
+        };
+        // Many samples of a texel come to the mean over its spots; kinds without spots give the same for each.
+        const auto mean = [&](int side, const Question& q) {
+            float sum = 0;
+            for (int k = 0; k < 16; ++k) sum += look_up(side, (q.spot & ~3) + glm::ivec2(k & 3, k >> 2), q.d) / 16;
+            return sum;
         };
         std::vector<double> block_squares;
         double squares = 0, bias = 0;
@@ -109,7 +115,7 @@ nlohmann::json measure_visibility_kinds(const Options& options)
             double sum = 0;
             for (int side = 0; side < 2; ++side)
                 for (int k = b * per_block; k < (b + 1) * per_block; ++k) {
-                    const double e = double(look_up(side, asked[std::size_t(k)]) - exact[side][std::size_t(k)]);
+                    const double e = double(mean(side, asked[std::size_t(k)]) - exact[side][std::size_t(k)]);
                     sum += e * e / (2.0 * per_block);
                     bias += e / (2.0 * per_block * blocks);
                 }
@@ -124,7 +130,7 @@ nlohmann::json measure_visibility_kinds(const Options& options)
         double best = 1e9, spent_sum = 0;
         for (int pass = 0; pass < 9; ++pass) {
             const auto start = std::chrono::steady_clock::now();
-            for (const Question& q : asked) spent_sum += double(look_up(0, q));
+            for (const Question& q : asked) spent_sum += double(look_up(0, q.spot, q.d));
             best = std::min(best, seconds_since(start) / double(asked.size()));
         }
         rows.push_back({{"kind", name},

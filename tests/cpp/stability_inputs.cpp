@@ -702,6 +702,11 @@ const std::map<std::string_view, Kind>& kinds()
           [](Draw& d, Writer& o, Context&) {
               o.put(d.whole(row_tables().size.x)), o.put(d.whole(row_tables().size.y));
           }}},
+        {"spot",
+         {2, false,
+          [](Draw& d, Writer& o, Context&) {
+              o.put(d.whole(4 * row_tables().size.x)), o.put(d.whole(4 * row_tables().size.y));
+          }}},
         {"base",
          {2, false,
           [](Draw& d, Writer& o, Context&) { o.put(d.whole(-1000000, 1000000)), o.put(d.whole(-1000000, 1000000)); }}},
@@ -718,13 +723,11 @@ const std::map<std::string_view, Kind>& kinds()
         {"point", {11, true, [](Draw& d, Writer& o, Context& c) { put_point(d, o, c); }}},
         {"yarn", {row_yarn_numbers, true, [](Draw& d, Writer& o, Context&) { put_yarn(d, o); }}},
         {"horizon",
-         {18, true,
+         {4, false,
           [](Draw& d, Writer& o, Context&) {
               const int pattern = d.whole(4);
-              for (int half = 0; half < 16; ++half)
+              for (int half = 0; half < 4; ++half)
                   o.put(pattern == 0 ? 0 : pattern == 1 ? d.whole(65536) & 0x0f0f : d.whole(65536));
-              o.put(random_number(d));
-              o.put(random_number(d));
           }}},
         {"cap", // a mean direction over the horizon, any angle and axes
          {4, true,
@@ -848,11 +851,11 @@ const char* const signatures[] = {
     "horizon_visibility: horizon direction > share",
     "cap_visibility: cap direction > share",
     "asg_visibility: viewer angle bandwidth bandwidth amplitude zero direction > share",
-    "visibility_at: side texel kind_of_visibility direction relief > share",
+    "visibility_at: side spot kind_of_visibility direction relief > share",
     "decode_slopes: slope_word > pair",
     "texel_at: tile > whole whole",
     "texel: side texel > unit unit unit positive positive pair whole whole share",
-    "horizon: side texel > word word word word word word word word pair",
+    "horizon_at: spot > whole whole",
     "mean_slopes: side tile level > pair",
     "area_from_mips: side footprint viewer > positive",
     "select: side footprint viewer bool three three word word offset > whole positive unit unit unit positive positive "
@@ -884,13 +887,13 @@ const char* const signatures[] = {
     "block_length: word > whole",
     "texel_noise: fabric side texel base > unit unit unit positive positive pair whole whole share",
     "march: fabric side tile viewer u > tiles",
-    "visibility: side texel settings direction > share",
+    "visibility: side spot settings direction > share",
     "select_model: fabric side settings footprint base viewer random > whole positive unit unit unit positive positive "
     "pair "
     "whole whole share share share",
     "transmittance_model: fabric settings tile direction > positive",
-    "shading_value: settings weight side texel yarn light viewer > colour positive",
-    "direct: settings weight side texel yarn position frame geometric viewer random > whole unit positive colour",
+    "shading_value: settings weight side spot yarn light viewer > colour positive",
+    "direct: settings weight side spot yarn position frame geometric viewer random > whole unit positive colour",
     "direct_matte: albedo position frame geometric viewer random > whole unit positive colour",
     "background: direction > colour",
     "camera_sample: triangle ray fabric settings base random > whole whole whole colour",
