@@ -140,7 +140,7 @@ SkySample sample_sky(const f32::ClothMaps& maps, int side, const f32::ClothFootp
     SkySample sample;
     sample.selection = f32::cloth_select(maps, side, footprint, o, settings, random);
     if (sample.selection.passes) return sample;
-    const f32::ClothShading shading = f32::cloth_shade_fabric(sample.selection);
+    const f32::ClothShading shading = f32::cloth_shade_fabric(sample.selection, settings);
     // Half the directions from the lobes, half from the cosine about n_s on both sides: the lobes leave out directions
     // behind the ply's horizon, from which interreflection still brings light.
     const glm::vec2 u_choice = f32::cloth_draw(random, f32::cloth_dim_light);

@@ -12,6 +12,8 @@ struct ClothShading {
     real3 albedo;               // not of fabrics; of metal its reflectance at normal incidence
     real roughness;             // of metal: alpha of GGX; 0: no metal
     ClothSelection selection;   // fabric only
+    real3 between;              // albedo of the light between yarns [9.1]
+    real between_share;         // probability of sampling it: its share in the albedo, as for the lobes of a point [6.5]
 };
 
 struct ClothDirect {
@@ -28,6 +30,8 @@ CLOTH_FN ClothShading cloth_shade_plain(real3 albedo, real roughness)
     shading.matte     = true;
     shading.albedo    = albedo;
     shading.roughness = roughness;
+    shading.between   = real3(real(0));
+    shading.between_share = real(0);
     return shading;
 }
 
@@ -41,13 +45,27 @@ CLOTH_FN bool cloth_shading_is_metal(CLOTH_IN(ClothShading) shading)
     return CLOTH_METAL != 0 && shading.matte && shading.roughness > real(0);
 }
 
-CLOTH_FN ClothShading cloth_shade_fabric(ClothSelection selection)
+CLOTH_FN bool cloth_lights_between(ClothSettings settings)
+{
+    return settings.interreflection && settings.bsdf == cloth_bsdf_meso;
+}
+
+CLOTH_FN ClothShading cloth_shade_fabric(ClothSelection selection, ClothSettings settings)
 {
     ClothShading shading;
     shading.matte     = false;
     shading.albedo    = real3(real(0));
     shading.roughness = real(0);
     shading.selection = selection;
+    shading.between   = real3(real(0));
+    shading.between_share = real(0);
+    if (cloth_lights_between(settings)) {
+        ClothYarn yarn  = selection.yarn;
+        shading.between = cloth_interreflection(yarn.reflectance, selection.texel.openness_f);
+        real lobe  = cloth_luminance(shading.between);
+        real point = cloth_luminance(yarn.albedo_r + yarn.albedo_t + yarn.diffuse_r + yarn.diffuse_t);
+        shading.between_share = lobe / max(lobe + point, real(1e-20));
+    }
     return shading;
 }
 
@@ -64,19 +82,8 @@ CLOTH_FN real3 cloth_shading_value(CLOTH_IN(ClothMaps) maps, CLOTH_IN(ClothShadi
     if (v > real(0))
         value = cloth_point_value(shading.selection.texel.point, shading.selection.yarn, wi, wo, settings.slab) * v;
     // Light that reached the point by way of other yarns has no horizon of its own: openness has counted it.
-    if (settings.interreflection && settings.bsdf == cloth_bsdf_meso && reflected)
-        value += cloth_interreflection(shading.selection.yarn.reflectance, shading.selection.texel.openness_f) * (wi.z / cloth_pi);
+    if (cloth_lights_between(settings) && reflected) value += shading.between * (wi.z / cloth_pi);
     return value * shading.selection.weight;
-}
-
-// Probability of sampling the lobe of light between yarns: its share in the albedo, as for the lobes of a point [6.5].
-CLOTH_FN real cloth_interreflection_share(CLOTH_IN(ClothShading) shading, ClothSettings settings)
-{
-    if (!settings.interreflection || settings.bsdf != cloth_bsdf_meso) return real(0);
-    ClothYarn yarn = shading.selection.yarn;
-    real lobe  = cloth_luminance(cloth_interreflection(yarn.reflectance, shading.selection.texel.openness_f));
-    real point = cloth_luminance(yarn.albedo_r + yarn.albedo_t + yarn.diffuse_r + yarn.diffuse_t);
-    return lobe / max(lobe + point, real(1e-20));
 }
 
 // Density of cloth_shading_sample [1/sr].
@@ -85,15 +92,15 @@ CLOTH_FN real cloth_shading_pdf(CLOTH_IN(ClothShading) shading, real3 wi, real3 
     if (cloth_shading_is_metal(shading)) return cloth_metal_pdf(shading.roughness, wi, wo);
     real cosine = max(wi.z, real(0)) / cloth_pi;
     if (shading.matte) return cosine;
-    return mix(cloth_point_pdf(shading.selection.texel.point, shading.selection.yarn, wi, wo), cosine,
-               cloth_interreflection_share(shading, settings));
+    real pdf = cloth_point_pdf(shading.selection.texel.point, shading.selection.yarn, wi, wo);
+    return cloth_lights_between(settings) ? mix(pdf, cosine, shading.between_share) : pdf;
 }
 
 // A direction of light. u_lobe chooses the lobe, u the direction in it; all in [0, 1).
 CLOTH_FN ClothSample cloth_shading_sample(CLOTH_IN(ClothShading) shading, real3 wo, ClothSettings settings, real2 u_lobe, real2 u)
 {
     if (cloth_shading_is_metal(shading)) return cloth_metal_sample(shading.roughness, wo, u);
-    real share = shading.matte ? real(1) : cloth_interreflection_share(shading, settings);
+    real share = shading.matte ? real(1) : shading.between_share;
     if (u_lobe.x < share) {
         real3 wi = cloth_cosine_sample(real3(real(0), real(0), real(1)), u);
         return ClothSample(wi, cloth_shading_pdf(shading, wi, wo, settings));

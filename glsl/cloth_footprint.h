@@ -170,9 +170,10 @@ CLOTH_FN ClothPlace cloth_find(CLOTH_IN(ClothMaps) maps, int side, ClothFootprin
 
 // What the ray meets at a found point.
 //   u       cloth_dim_pick, y
+//   stops   true where the ray is known to stop here: what hides the light behind need not be looked up again
 //   return  passes, or a point whose value times `weight` is an estimate of the effective BSDF with cosine
 CLOTH_FN ClothSelection cloth_meet(CLOTH_IN(ClothMaps) maps, int side, ClothFootprint footprint, ClothPlace place, real3 o,
-                                   ClothSettings settings, real u)
+                                   ClothSettings settings, real u, bool stops)
 {
     bool meso     = settings.bsdf == cloth_bsdf_meso;
     bool relief   = meso && settings.weight == cloth_weight_relief;
@@ -200,7 +201,7 @@ CLOTH_FN ClothSelection cloth_meet(CLOTH_IN(ClothMaps) maps, int side, ClothFoot
     if (result.texel.gap) through = real(1);
     else if (settings.unscattered) through = cloth_unscattered(result.texel.point, result.yarn, o);
     through      *= min(result.weight, real(1));
-    result.passes = u < through;
+    result.passes = !stops && u < through;
     if (result.passes && meso)
         result.passes = u < through * cloth_visibility_at(maps, 1 - side, place.spot, real3(-o.x, -o.y, o.z), settings);
     if (result.texel.gap && !result.passes && !relief && !resample && meso) result.weight = real(0);
@@ -216,7 +217,7 @@ CLOTH_FN ClothSelection cloth_select(CLOTH_IN(ClothMaps) maps, int side, ClothFo
                                      ClothRandom random)
 {
     real2 u = cloth_draw(random, cloth_dim_pick);
-    return cloth_meet(maps, side, footprint, cloth_find(maps, side, footprint, o, settings, random, u.x), o, settings, u.y);
+    return cloth_meet(maps, side, footprint, cloth_find(maps, side, footprint, o, settings, random, u.x), o, settings, u.y, false);
 }
 
 // Share of the light travelling along d that crosses the cloth at a point without being scattered. Zero footprint: the mean

@@ -54,21 +54,22 @@ void main()
             else
 #endif
             place = cloth_find(object.maps, surface.side, footprint, surface.wo, frame_settings(), random, u.x);
-            ClothSelection selection = cloth_meet(object.maps, surface.side, footprint, place, surface.wo, frame_settings(), u.y);
-#ifdef GAPS
 #ifdef FOOTPRINT
+            bool stops = n == 0u;
+#else
+            const bool stops = true;
+#endif
+            ClothSelection selection = cloth_meet(object.maps, surface.side, footprint, place, surface.wo, frame_settings(), u.y, stops);
+#if defined(GAPS) && defined(FOOTPRINT)
             for (uint k = 1u; n > 0u && selection.passes && k < attempts; ++k)
                 selection = cloth_select(object.maps, surface.side, footprint, surface.wo, frame_settings(),
                                          layer_random(seed, object_index, triangle_index, n * attempts + k));
             if (selection.passes && n > 0u) selection = first;
 #endif
-            // The first one passes only where two compilers have rounded differently: one fragment in millions, left black.
-            if (selection.passes) break;
-#endif
 #ifdef FOOTPRINT
             if (n == 0u) first = selection;
 #endif
-            shading = cloth_shade_fabric(selection);
+            shading = cloth_shade_fabric(selection, frame_settings());
         }
 #endif
 #ifdef MATTE

@@ -19,7 +19,7 @@ void main()
     ClothFootprint footprint = footprint_on(object, gl_PrimitiveID, surface);
     vec2 u               = cloth_draw(random, cloth_dim_pick);
     ClothPlace place     = cloth_find(object.maps, surface.side, footprint, surface.wo, frame_settings(), random, u.x);
-    if (cloth_meet(object.maps, surface.side, footprint, place, surface.wo, frame_settings(), u.y).passes) discard;
+    if (cloth_meet(object.maps, surface.side, footprint, place, surface.wo, frame_settings(), u.y, false).passes) discard;
     id = uvec4(uint(object_index) + 1u, uint(gl_PrimitiveID), hand_over(place));
 #else
     id = uvec4(uint(object_index) + 1u, uint(gl_PrimitiveID), 0u, 0u);

@@ -61,7 +61,7 @@ f32::ClothShading only_lobe(const f32::ClothShading& shading, AovIndex term)
     if (term != aov_index_reflection_diffuse) yarn.diffuse_r = glm::vec3(0.0f);
     if (term != aov_index_transmission_specular) yarn.albedo_t = glm::vec3(0.0f);
     if (term != aov_index_transmission_diffuse) yarn.diffuse_t = glm::vec3(0.0f);
-    if (term != aov_index_multiple_scattering) yarn.reflectance = glm::vec3(0.0f);
+    if (term != aov_index_multiple_scattering) lobe.between = glm::vec3(0.0f);
     return lobe;
 }
 
@@ -277,7 +277,7 @@ void Renderer::find_vertices(Batch& batch, bool camera, Counters& counters) cons
             const f32::ClothSelection selection = f32::cloth_select(
                 maps_[vertex.object], vertex.surface.side, footprint, vertex.surface.wo, scene_.model.settings, random);
             if (!selection.passes) {
-                vertex.shading = f32::cloth_shade_fabric(selection);
+                vertex.shading = f32::cloth_shade_fabric(selection, scene_.model.settings);
                 batch.met[lane] = true;
                 continue;
             }

@@ -339,7 +339,7 @@ nlohmann::json measure_reflectance(const Options& options)
                                 seen[k].passes += 1 / (2.0 * options.samples);
                                 continue;
                             }
-                            const f32::ClothShading shading = f32::cloth_shade_fabric(sample.selection);
+                            const f32::ClothShading shading = f32::cloth_shade_fabric(sample.selection, settings);
                             seen[k].sky[half] += double(sample.front.y) / options.samples;
                             seen[k].sun[half] +=
                                 double(f32::cloth_shading_value(maps, shading, glm::vec3(sun), cell.o, settings).y) /

@@ -73,7 +73,7 @@ TEST_CASE("samples of a shaded point give the integral of its value, light betwe
     const glm::dvec3 o = glm::normalize(glm::dvec3(-0.3, 0.1, 0.8));
     for (const double albedo : {0.0, 0.2}) {
         selection.yarn.albedo_r = selection.yarn.albedo_t = glm::dvec3(albedo);
-        const ClothShading shading = cloth_shade_fabric(selection);
+        const ClothShading shading = cloth_shade_fabric(selection, settings);
         double exact = 0;
         constexpr int rows = 512, columns = 1024;
         for (int a = 0; a < rows; ++a)
