@@ -101,7 +101,7 @@ CLOTH_FN real2 cloth_march(CLOTH_IN(ClothMaps) maps, int side, real2 tile, real3
     real texels = max(abs(run.x) * real(maps.size.x), abs(run.y) * real(maps.size.y)) * cloth_height_top;
     real count  = clamp(ceil(texels / cloth_march_step), real(1), real(cloth_march_steps));
     real step   = cloth_height_top / count;
-    // The ray goes down by quarters of a step, so that the halving below meets the places that the steps have left.
+    // The ray goes down by quarters of a step, so that the halving meets places beside those of the steps.
     uvec2 quarter = cloth_wrap(run * (real(-0.25) * step));
     real z        = cloth_height_top - step * u;   // the first step ends in the relief
     uvec2 place   = cloth_wrap(start + run * z);
@@ -109,15 +109,14 @@ CLOTH_FN real2 cloth_march(CLOTH_IN(ClothMaps) maps, int side, real2 tile, real3
         z -= step;
         place += quarter << 2u;
     }
-    // The surface lies between z and a step above it; halved twice, to three quarters of a texel.
-    real middle = z + real(0.5) * step;
-    bool lower  = cloth_height_at(maps, side, place - (quarter << 1u)) < middle;
-    real above  = lower ? middle : z + step;
-    middle      = above - real(0.25) * step;
-    lower       = cloth_height_at(maps, side, place - (lower ? quarter : quarter * 3u)) < middle;
-    above       = lower ? middle : above;
+    // The surface lies between z and a step above it; halved twice, to three quarters of a texel. What either half may ask for
+    // is looked up beforehand: no look-up waits for another.
+    bool lower_1 = cloth_height_at(maps, side, place - quarter) < z + real(0.25) * step;
+    bool lower_2 = cloth_height_at(maps, side, place - (quarter << 1u)) < z + real(0.5) * step;
+    bool lower_3 = cloth_height_at(maps, side, place - quarter * 3u) < z + real(0.75) * step;
+    real above   = lower_2 ? (lower_1 ? real(0.25) : real(0.5)) : (lower_3 ? real(0.75) : real(1));
     // Half way: of a wall between two texels each gets its half. Below alone, crests would be seen too often (2 % too bright).
-    return start + run * (above - real(0.125) * step);
+    return start + run * (z + step * (above - real(0.125)));
 }
 
 // The point that the ray sees.

@@ -53,12 +53,22 @@ def test_every_model_is_measured_in_every_cell(measured):
 
 def test_the_page_names_every_model(measured):
     visibility, reflectance = measured
-    cost = {renderer: {model: {"nanoseconds": 100.0, "over_micro": 1.0, "low": 0.9, "high": 1.1, "runs": 1, "samples": 1}
-                       for model in ingredients.MODELS} for renderer in ("reference", "preview")}
+    cost = {renderer: {"cylinder_satin": {model: {"nanoseconds": 100.0, "over_first": 1.0, "low": 0.9, "high": 1.1}
+                                            for model in ingredients.MODELS}} for renderer in ("reference", "preview")}
     figures = ingredients.figures_of(visibility, reflectance, cost, TINY)
-    assert {"visibility_rms.horizon8", "close_up_error_75.sky.ours", "meso_over_micro.preview.ours"} <= set(figures)
+    assert {"visibility_rms.horizon8", "close_up_error_75.sky.ours", "meso_over_micro.preview.cylinder_satin.ours"} <= set(figures)
     page = ingredient_tables.document({"date": "2026-11-23", "git": "0", "cpu": "one", "gl": "none",
                                        "tables": ingredients.tables_of(visibility, reflectance, cost, TINY)})
     for model in ingredients.MODELS:
         assert page.count(f"| {model}") >= 7, model
     assert "| horizon8 |" in page
+
+
+def test_models_take_turns_in_both_renderers():
+    options = dict(TINY | {"side": 32, "rounds": 3, "timed": (ingredients.MICRO, ingredients.OURS)})
+    cost = ingredients.measure_cost(options)
+    for renderer in ("reference", "preview"):
+        rows = cost[renderer][ingredients.SCENES[0]]
+        assert list(rows) == [ingredients.MICRO, ingredients.OURS] and rows[ingredients.MICRO]["over_first"] == 1
+        assert 0 < rows[ingredients.OURS]["low"] <= rows[ingredients.OURS]["over_first"] <= rows[ingredients.OURS]["high"]
+    assert "llvmpipe" in options["gl"]

@@ -5,7 +5,6 @@ import argparse
 import pathlib
 import statistics
 import sys
-import tempfile
 
 sys.path.insert(0, str(pathlib.Path(__file__).resolve().parents[1]))
 
@@ -51,12 +50,13 @@ BASE = {"micro": {"bsdf": "micro"}, "jin": {"mode": "jin"}}
 GROUPS = {"ladder": LADDER, "paper": FROM_PAPER, "ours": FROM_OURS, "base": BASE}
 MODELS = {name: keys for group in GROUPS.values() for name, keys in group.items()}
 OURS, MICRO = "+interreflection = ours", "micro"
+# A flash without shadows, where the model is nearly all there is to do; an environment and shadows; three fabrics in curtains.
+SCENES = ("cylinder_satin", "demo", "curtain_fabrics")
 
 LONG = {"fabrics": FABRICS, "texels": 256, "places": 2048, "samples": 16, "angles": (0, 30, 60, 75, 85), "footprints": (1, 4, 16, 64, 256),
-        "directions": 4096, "rounds": 5, "spp": 16, "frames": 24, "resolution": "256,256", "timed": tuple(MODELS)}
+        "directions": 4096, "rounds": 100, "side": 256, "scenes": SCENES, "timed": tuple(MODELS)}
 SHORT = LONG | {"fabrics": FABRICS[:1], "places": 1024, "samples": 8, "angles": (0, 75), "footprints": (1, 64), "directions": 512,
-                "rounds": 2, "spp": 8, "frames": 6, "timed": (MICRO, "jin", "paper", OURS)}
-SCENE = bench_report.ROOT / "assets" / "scenes" / "cylinder_satin.json"
+                "rounds": 24, "side": 128, "scenes": SCENES[:1], "timed": (MICRO, "jin", "paper", OURS)}
 
 
 def say(text):
@@ -105,47 +105,20 @@ def cells(report, model, light, angle=None, footprint=None):
             if angle in (None, cell["angle"]) and footprint in (None, cell["footprint"])]
 
 
-def time_reference(model, folder, options):
-    """(nanoseconds a sample on one thread, samples)."""
-    report = bench_report.run_program("selvedge-render", SCENE, "-q", "-o", folder / "reference.exr", "--spp", options["spp"], "--threads", 1,
-                                      "--resolution", options["resolution"], *settings(model))
-    return 1e9 * report["seconds"]["render"] / report["samples"], report["samples"]
-
-
-def time_preview(model, folder, options):
-    report = bench_report.run_program("selvedge-lookdev", SCENE, "--headless", "-q", "-o", folder / "preview.exr", "--frames", options["frames"],
-                                      "--backend", "egl", "--resolution", options["resolution"], *settings(model))
-    options["gl"] = f"{report['gl']['renderer']}, {report['gl']['version']}, {report['gl']['backend']}"
-    pixels = report["resolution"][0] * report["resolution"][1]
-    return 1e6 * report["milliseconds_per_frame"]["median"] / pixels, report["samples"]
-
-
-def settings(model):
-    return [word for key, value in MODELS[model].items() for word in ("-D", f"model.{key}={value}")]
-
-
 def measure_cost(options):
-    """{renderer: {model: {"nanoseconds", "over_micro", "low", "high", "runs", "samples"}}}. Every run of a model has a run of micro beside
-    it, before and after it in turn; the ratio is the median over these pairs."""
+    """{renderer: {scene: {model: selvedge-turns' row of it}}}: every model on the first scene, ours on the others. Micro is the first: the
+    others are held to it."""
     result = {}
-    with tempfile.TemporaryDirectory(prefix="selvedge-bench-") as name:
-        folder = pathlib.Path(name)
-        for renderer, clock in (("reference", time_reference), ("preview", time_preview)):
-            say(f"cost, {renderer}")
-            clock(MICRO, folder, options)   # warms caches; thrown away
-            pairs = {model: [] for model in options["timed"]}
-            for round_ in range(options["rounds"]):
-                for model in options["timed"]:
-                    if round_ % 2:
-                        micro, (own, samples) = clock(MICRO, folder, options)[0], clock(model, folder, options)
-                    else:
-                        (own, samples), micro = clock(model, folder, options), clock(MICRO, folder, options)[0]
-                    pairs[model].append((own, own / micro))
-            result[renderer] = {}
-            for model, runs in pairs.items():
-                ratios = [ratio for _, ratio in runs]
-                result[renderer][model] = {"nanoseconds": statistics.median(own for own, _ in runs), "over_micro": statistics.median(ratios),
-                                           "low": min(ratios), "high": max(ratios), "runs": len(runs), "samples": samples}
+    for renderer in ("reference", "preview"):
+        result[renderer] = {}
+        for scene in options["scenes"]:
+            say(f"cost, {renderer}, {scene}")
+            others = [model for model in options["timed"] if model != MICRO] if scene == SCENES[0] else [OURS]
+            report = bench_report.run_program("selvedge-turns", bench_report.ROOT / "assets" / "scenes" / f"{scene}.json", "--renderer", renderer,
+                                              "--side", options["side"], "--rounds", options["rounds"],
+                                              *(word for model in (MICRO, *others) for word in ("--model", name_on_the_line(model))))
+            options["gl"] = report.get("gl", "")
+            result[renderer][scene] = {row.pop("model"): row for row in report["models"]}
     return result
 
 
@@ -169,12 +142,15 @@ def figures_of(visibility, reflectance, cost, options):
         worst = max(every, key=lambda cell: abs(cell["error"]))
         figures[f"worst_error.{light}.ours"] = figure(abs(worst["error"]), "", "lower", runs=len(every),
                                                       note=f"{worst['error']:+.3f} ± {worst['error_95']:.3f} (95 %), any angle, footprint, fabric")
-    for renderer, models in cost.items():
-        for model, label in ((OURS, "ours"), ("paper", "paper"), ("jin", "jin")):
-            row = models[model]
-            figures[f"meso_over_micro.{renderer}.{label}"] = figure(
-                row["over_micro"], "x", "lower", target=1.1 if label == "ours" else None, runs=row["runs"],
-                note=f"{row['low']:.2f} to {row['high']:.2f}; {row['nanoseconds']:.0f} ns a sample")
+    for renderer, scenes in cost.items():
+        for scene, models in scenes.items():
+            for model, label in ((OURS, "ours"), ("paper", "paper"), ("jin", "jin")):
+                if model not in models:
+                    continue
+                row = models[model]
+                figures[f"meso_over_micro.{renderer}.{scene}.{label}"] = figure(
+                    row["over_first"], "x", "lower", target=1.1 if label == "ours" else None, runs=options["rounds"],
+                    note=f"{row['low']:.2f} to {row['high']:.2f} (95 %); {row['nanoseconds']:.0f} ns a sample")
     return figures
 
 
@@ -185,8 +161,9 @@ def tables_of(visibility, reflectance, cost, options):
         short[fabric] = report | {"cells": [cell | {"models": {
             model: {light: row[f"{light}_{bounces(model)}"] for light in ("sky", "sun")} | {"passes": row["passes"]}
             for model, row in cell["models"].items()}} for cell in report["cells"]]}
-    return {"groups": {group: list(models) for group, models in GROUPS.items()}, "settings": MODELS, "scene": SCENE.name,
-            "bounces": {model: bounces(model) for model in MODELS}, "visibility": visibility, "reflectance": short, "cost": cost,
+    return {"groups": {group: list(models) for group, models in GROUPS.items()}, "settings": MODELS,
+            "bounces": {model: bounces(model) for model in MODELS}, "visibility": visibility, "reflectance": short,
+            "cost": cost, "scenes": options["scenes"], "ours": OURS,
             "angles": options["angles"], "footprints": options["footprints"]}
 
 
