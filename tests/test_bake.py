@@ -149,7 +149,7 @@ def test_preview_sheet_is_a_picture_of_all_maps(bake, tmp_path):
 
 def test_bare_drafts_take_their_colours(bake):
     result = report(bake(ROOT / "assets/drafts/houndstooth.wif", "--json"))
-    assert result["yarns"] == ["warp #2e2c30", "warp #f4f0e8", "weft #2e2c30", "weft #f4f0e8"]
+    assert result["yarns"] == ["warp #4e4c50", "warp #f4f0e8", "weft #4e4c50", "weft #f4f0e8"]
 
 
 @pytest.mark.shared_data

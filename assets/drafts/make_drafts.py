@@ -4,9 +4,9 @@ import pathlib
 
 HERE = pathlib.Path(__file__).parent
 
-CHARCOAL, CREAM = (46, 44, 48), (244, 240, 232)
-GREY, OATMEAL = (104, 103, 106), (218, 211, 198)
-INDIGO, ECRU = (66, 92, 150), (232, 226, 212)
+CHARCOAL, CREAM = (78, 76, 80), (244, 240, 232)
+GREY, OATMEAL = (142, 140, 143), (218, 211, 198)
+INDIGO, ECRU = (72, 90, 138), (232, 226, 212)
 WINE, ROSE = (126, 22, 40), (236, 168, 160)
 
 
