@@ -37,10 +37,10 @@ cloth, from its tex.
 | --- | --- |
 | threads, tex, weight | the construction that each fabric names below |
 | width | `tex` and `fibre`: fibre density (Morton & Hearle, "Physical Properties of Textile Fibres") over the packing of the yarn (cotton: Peirce's 1.1 cm3/g, 1937), over the area that a section of this `aspect` has, and for plied yarns over the share of it that plies fill. `width_of_tex` in `bake/fabric.cpp`, the table in `bake/params.hpp` |
-| aspect | how far yarns are pressed flat: untwisted filament 0.25 to 0.4, spun yarns 0.45 to 0.65, more where threads are packed so closely that they hold each other upright (denim's and drill's warp), loops 0.8 to 0.9 |
+| aspect | how far yarns are pressed flat: untwisted filament 0.25 to 0.45, spun yarns 0.45 to 0.7, hard twisted silk 0.75 to 0.8, loops 0.8 to 0.9; more where threads are packed so closely that they hold each other upright (warp of charmeuse, drill and denim: 0.57, 0.76, 0.95) |
 | section | `racetrack` (Kemp 1958) for flat filament, ellipses for all else |
-| roughness | Zhu et al. 2023, table 1: satin 0.04 to 0.05, twill 0.20 to 0.25, jersey 0.3; linen between silk and cotton, wool above, for its scales and crimp |
-| fibre twist | filament 2 to 6 degrees, spun yarns 16 to 24, crepe 38 |
+| roughness | near Zhu et al. 2023, table 1 (satin 0.04 to 0.05, twill 0.20 to 0.25, jersey 0.3): filament 0.06 to 0.10, crepe 0.18, cotton 0.20 to 0.35; linen between silk and cotton, wool above, for its scales and crimp |
+| fibre twist | filament 2 to 6 degrees, organza 12, spun yarns 16 to 24, crepe 38 |
 | optical thickness, albedo | chosen by eye, so that R and T are those of such cloth: a white shirt lets about a third of the light through, denim hardly any, organza most |
 
 Pictures: 1.4 m of the cloth over a ball in sky and sun; 30 ends or 15 wales of it on a rod, the warp along the rod. Sheets:
