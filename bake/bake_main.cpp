@@ -100,6 +100,18 @@ nlohmann::json report_json(const PackedFabric& fabric, const BakeReport& report,
             {"warnings", fabric.warnings}};
 }
 
+// Spacings and widths that the fabric states or that follow from its yarns [m].
+nlohmann::json lengths_json(const Fabric& fabric)
+{
+    const auto yarn = [](const YarnSpec& spec) {
+        return nlohmann::json{{"spacing", spec.spacing_m}, {"width", spec.width_m}};
+    };
+    if (!fabric.knit) return {{"warp", yarn(fabric.warp)}, {"weft", yarn(fabric.weft)}};
+    return {{"wale_spacing", fabric.wale_spacing_m},
+            {"course_spacing", fabric.course_spacing_m},
+            {"yarn", {{"width", fabric.weft.width_m}}}};
+}
+
 constexpr int albedo_angles_deg[] = {0, 15, 30, 45, 60, 75, 85};
 
 // [{"side", "angle", "reflectance", "transmittance", "straight", "standard_error"}, ...]
@@ -171,6 +183,7 @@ int bake(int argc, char** argv)
     }
     nlohmann::json json;
     if (options.json || !options.output_folder.empty()) json = report_json(packed, report, measure_visibility(packed));
+    if (!json.is_null()) json["lengths"] = lengths_json(fabric);
     nlohmann::json albedo;
     if (options.albedo) {
         albedo = albedo_json(packed);

@@ -19,7 +19,7 @@ namespace
 {
 
 // Raise it when the words of a bake change for the same inputs.
-constexpr std::uint32_t format_version = 3;
+constexpr std::uint32_t format_version = 4;
 constexpr char magic[8] = {'s', 'e', 'l', 'v', 'b', 'a', 'k', 'e'};
 constexpr std::uint32_t warning_limit = 1000;
 
@@ -180,6 +180,7 @@ std::string geometry_hash(const Fabric& fabric, const WovenPlan& plan)
         hash.bytes(lengths->data(), lengths->size() * sizeof(float));
     for (const YarnSpec* yarn : {&fabric.warp, &fabric.weft}) {
         hash.number(yarn->aspect);
+        hash.number(std::int64_t(yarn->section));
         hash.number(yarn->crimp.value_or(-1.0f));
     }
     for (const int value : {plan.warp_plies, plan.weft_plies, plan.warp_turns, plan.weft_turns})

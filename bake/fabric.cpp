@@ -7,6 +7,8 @@
 #include <map>
 #include <set>
 
+#include <glm/gtc/constants.hpp>
+
 #include "chart.hpp"
 #include "energy.hpp"
 #include "error.hpp"
@@ -57,8 +59,8 @@ std::optional<glm::vec3> optional_colour(const JsonValue& value, const char* key
 
 void parse_yarn(const JsonValue& value, YarnSpec& yarn)
 {
-    value.expect_object({"spacing", "width", "aspect", "plies", "ply_twist", "fibre_twist", "crimp", "albedo",
-                         "albedo_transmission", "diffuse", "diffuse_transmission", "roughness",
+    value.expect_object({"spacing", "width", "tex", "fibre", "aspect", "section", "plies", "ply_twist", "fibre_twist",
+                         "crimp", "albedo", "albedo_transmission", "diffuse", "diffuse_transmission", "roughness",
                          "roughness_transmission", "thickness", "diffuse_mix"});
     for (const YarnParam& row : yarn_params)
         if (value.has(row.key))
@@ -66,6 +68,25 @@ void parse_yarn(const JsonValue& value, YarnSpec& yarn)
                 value[row.key].number(static_cast<double>(row.low) * (1 - 1e-6), static_cast<double>(row.high)));
     yarn.plies = value.integer("plies", yarn.plies, 1, ply_limit);
     if (value.has("crimp")) yarn.crimp = static_cast<float>(value["crimp"].number(0, 1));
+    if (value.has("section")) {
+        std::vector<const char*> names;
+        for (const Section& row : yarn_sections) names.push_back(row.name);
+        const std::string name = value["section"].choice(names);
+        for (const Section& row : yarn_sections)
+            if (name == row.name) yarn.section = row.section;
+    }
+    if (yarn.section == YarnSection::racetrack && yarn.aspect > 1)
+        value[value.has("aspect") ? "aspect" : "section"].fail(
+            "found %.3g, expected at most 1: a race-track is wider than high", double(yarn.aspect));
+    if (value.has("fibre")) {
+        std::vector<const char*> names;
+        for (const Fibre& row : fibres) names.push_back(row.name);
+        yarn.fibre = value["fibre"].choice(names);
+    }
+    if (value.has("tex")) {
+        yarn.tex = static_cast<float>(value["tex"].number(0.1, 1e5));
+        if (!value.has("width")) yarn.width_m = std::clamp(width_of_tex(yarn, *yarn.tex), 1e-5f, 0.05f);
+    }
     if (value.has("roughness_transmission"))
         yarn.roughness_transmission = static_cast<float>(value["roughness_transmission"].number(0.01, 1));
     if (const auto albedo = optional_colour(value, "albedo")) yarn.albedo = *albedo;
@@ -85,6 +106,11 @@ void parse_yarn(const JsonValue& value, YarnSpec& yarn)
             "scattered "
             "once by the fibres, %.3g between them; expected at most 1 (without diffuse it follows from the albedo)",
             energy.most, channels[energy.channel], energy.angle_deg, energy.diffuse, energy.slab, energy.unscattered);
+}
+
+bool states_width(const JsonValue& yarn)
+{
+    return yarn.has("width") || yarn.has("tex");
 }
 
 std::string stem(const std::string& path)
@@ -125,9 +151,10 @@ void parse_knit(const JsonValue& value, Fabric& fabric)
         for (const char* key : {"spacing", "crimp"})
             if (value["yarn"].has(key))
                 value["yarn"][key].fail("a woven yarn's, expected wale_spacing and course_spacing beside \"yarn\"");
+        if (value["yarn"].has("section")) value["yarn"]["section"].fail("a woven yarn's: knitted yarns are ellipses");
         parse_yarn(value["yarn"], yarn);
     }
-    const bool has_width = given && value["yarn"].has("width"), has_wale = value.has("wale_spacing"),
+    const bool has_width = given && states_width(value["yarn"]), has_wale = value.has("wale_spacing"),
                has_course = value.has("course_spacing");
     fabric.wale_spacing_m = has_wale ? float(value["wale_spacing"].number(4e-5, 0.1)) : 0;
     fabric.course_spacing_m = has_course ? float(value["course_spacing"].number(4e-5, 0.1)) : 0;
@@ -212,7 +239,7 @@ Fabric parse_fabric(const JsonValue& value)
         const bool given = value.has(key);
         if (given) parse_yarn(value[key], yarn);
         complete_lengths(yarn, is_warp ? fabric.draft.ends : fabric.draft.picks, given && value[key].has("spacing"),
-                         given && value[key].has("width"));
+                         given && states_width(value[key]));
     }
     return fabric;
 }
@@ -301,6 +328,27 @@ VisibilityKind parse_visibility(const std::string& word)
         list += (list.empty() ? "" : ", ") + std::string(row.name);
     }
     throw UsageError("visibility %s, expected one of %s", word.c_str(), list.c_str());
+}
+
+glm::vec2 ply_radii(int plies)
+{
+    constexpr float compression = 1.12f; // plies in contact flatten: radius over that of round plies that just touch
+    if (plies == 1) return {1, 0};
+    const float s = std::sin(glm::pi<float>() / static_cast<float>(plies));
+    const float radius = std::min(compression * s / (1 + s), 0.9f);
+    return {radius, 1 - radius};
+}
+
+float width_of_tex(const YarnSpec& yarn, float tex)
+{
+    float area = 0; // of the section, m^2; 1 tex = 1e-6 kg/m
+    for (const Fibre& row : fibres)
+        if (yarn.fibre == row.name) area = 1e-6f * tex / (row.density_kg_m3 * row.packing);
+    const float ply = ply_radii(yarn.plies).x, filled = static_cast<float>(yarn.plies) * ply * ply;
+    const float quarter_pi = glm::pi<float>() / 4, a = yarn.aspect;
+    // Of a section of width 1.
+    const float section = yarn.section == YarnSection::ellipse ? quarter_pi * a : a * (1 - a * (1 - quarter_pi));
+    return std::sqrt(area / (filled * section));
 }
 
 const char* visibility_name(VisibilityKind kind)

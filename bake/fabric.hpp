@@ -15,15 +15,23 @@
 namespace selvedge
 {
 
+// Section of a woven yarn: an ellipse, or the race-track of A. Kemp, "An extension of Peirce's cloth geometry to the
+// treatment of non-circular threads", Journal of the Textile Institute 49 (1958): a rectangle between two half circles.
+// The plies of a yarn have its section, too.
+enum class YarnSection { ellipse, racetrack };
+
 // Everything about the warp's or the weft's yarns. Defaults are a medium cotton. Ranges: params.hpp.
 struct YarnSpec {
     // geometry: changes ask for a bake
-    float spacing_m = 0.0005f; // mean distance of neighbouring yarn axes
-    float width_m = 0.00045f;  // mean width of the yarns
-    float aspect = 0.6f;       // height over width of the section
+    float spacing_m = 0.0005f;                  // mean distance of neighbouring yarn axes
+    float width_m = 0.00045f;                   // mean width of the yarns
+    float aspect = 0.6f;                        // height over width of the section
+    YarnSection section = YarnSection::ellipse; // racetrack: aspect at most 1
     int plies = 2;
-    float ply_twist_deg = 25;   // plies to yarn axis, Z positive
-    std::optional<float> crimp; // share of the crimp that these yarns take, [0, 1]; both absent: half each
+    float ply_twist_deg = 25;     // plies to yarn axis, Z positive
+    std::optional<float> crimp;   // share of the crimp that these yarns take, [0, 1]; both absent: half each
+    std::optional<float> tex;     // linear density of the whole yarn, g/km: the width where none was stated
+    std::string fibre = "cotton"; // row of `fibres` in params.hpp
     // shading: changes ask for nothing but shade_yarns()
     float fibre_twist_deg = -15;                   // fibres to ply axis
     glm::vec3 albedo{0.6f};                        // of the fibres, reflection lobe
@@ -77,5 +85,12 @@ YarnTypes yarn_types(const Fabric& fabric);
 
 VisibilityKind parse_visibility(const std::string& word); // throws UsageError
 const char* visibility_name(VisibilityKind kind);
+
+// n equal plies about the axis of a yarn of radius 1: x their radius, y that of their helix.
+glm::vec2 ply_radii(int plies);
+
+// Width of a yarn of `tex` g/km whose plies are so flat: fibre volume over packing (params.hpp) over the share of the
+// section that plies fill. Metres.
+float width_of_tex(const YarnSpec& yarn, float tex);
 
 } // namespace selvedge

@@ -331,7 +331,7 @@ std::string JsonValue::text() const
     return node->get<std::string>();
 }
 
-std::string JsonValue::choice(std::initializer_list<const char*> words) const
+std::string JsonValue::choice(const std::vector<const char*>& words) const
 {
     std::string list;
     for (const char* word : words) {

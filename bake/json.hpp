@@ -42,7 +42,7 @@ class JsonValue
     int integer(int low, int high) const;
     bool boolean() const;
     std::string text() const;
-    std::string choice(std::initializer_list<const char*> words) const;
+    std::string choice(const std::vector<const char*>& words) const;
     glm::vec3 vector3(double low, double high) const; // [x, y, z]
     glm::vec2 vector2(double low, double high) const; // [x, y]
     glm::vec3 number_or_vector3(double low, double high) const;

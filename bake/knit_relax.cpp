@@ -15,24 +15,19 @@ namespace
 {
 
 constexpr float near_by_arc = 3.3f; // along a rod: nearer is the same bend, not a contact (a half turn of radius 1)
-constexpr float margin = 0.5f;      // of pairs' distance beyond contact: they are listed anew when points moved so far
+constexpr float margin = 0.5f;      // of pairs' distance beyond contact: listed anew when points may have come so near
 
-float wrapped(float x, float period)
-{
-    return x - period * std::round(x / period);
-}
-
-glm::vec3 apart(glm::vec3 a, glm::vec3 b, glm::vec2 period) // from a to the nearest image of b
-{
-    const glm::vec3 d = b - a;
-    return {wrapped(d.x, period.x), wrapped(d.y, period.y), d.z};
-}
-
+// Two points near each other; `shift` takes b to its image that is near a.
 struct Pair {
     std::uint32_t a, b;
+    glm::vec2 shift;
 };
 
 // Neighbours along strands and pairs of points near each other.
+//
+// Pairs lie in strips of the tile, each at least thrice as high as pairs are long: every second strip shares no point
+// with the others (nor the next one along a strand), so they are worked at once, with one result for any number of
+// threads.
 class Neighbours
 {
   public:
@@ -44,6 +39,47 @@ class Neighbours
             for (std::size_t i = rods.start[s]; i < rods.start[s + 1]; ++i) strand[i] = static_cast<std::uint32_t>(s);
     }
 
+    void find(const Rods& rods, float reach)
+    {
+        cells = glm::max(glm::ivec2(glm::floor(rods.period / reach)), glm::ivec2(1));
+        const glm::vec2 scale = glm::vec2(cells) / rods.period;
+        const auto one = [](float x, int n) {
+            const int i = static_cast<int>(std::floor(x)) % n;
+            return i < 0 ? i + n : i;
+        };
+        const std::size_t cell_count = static_cast<std::size_t>(cells.x) * static_cast<std::size_t>(cells.y);
+        first.assign(cell_count + 1, 0);
+        cell.resize(rods.point.size());
+        for (std::size_t i = 0; i < rods.point.size(); ++i) {
+            const glm::vec3 p = rods.point[i];
+            cell[i] = static_cast<std::uint32_t>(one(p.y * scale.y, cells.y) * cells.x + one(p.x * scale.x, cells.x));
+            ++first[cell[i] + 1];
+        }
+        for (std::size_t c = 0; c < cell_count; ++c) first[c + 1] += first[c];
+        member.resize(rods.point.size());
+        fill.assign(first.begin(), first.end() - 1);
+        place.resize(rods.point.size());
+        for (std::size_t i = 0; i < rods.point.size(); ++i) {
+            const std::size_t k = fill[cell[i]]++;
+            member[k] = static_cast<std::uint32_t>(i);
+            place[k] = rods.point[i];
+        }
+        strips.resize(static_cast<std::size_t>(std::max(cells.y / 6 * 2, 1)));
+        tbb::parallel_for(std::size_t(0), strips.size(), [&](std::size_t s) { find_in_strip(rods, reach, s); });
+    }
+
+    // Calls visit(pair) for all pairs, strips that share no point at once.
+    template <class Visit> void each(Visit&& visit) const
+    {
+        for (std::size_t odd = 0; odd < 2; ++odd)
+            tbb::parallel_for(std::size_t(0), (strips.size() + 1 - odd) / 2, [&](std::size_t k) {
+                for (const Pair& pair : strips[2 * k + odd]) visit(pair);
+            });
+    }
+
+    std::vector<std::uint32_t> strand;
+
+  private:
     // Along the strand, either way round.
     float arc(const Rods& rods, std::size_t a, std::size_t b) const
     {
@@ -52,56 +88,51 @@ class Neighbours
         return static_cast<float>(std::min(steps, count - steps)) * rods.length[s] / static_cast<float>(count);
     }
 
-    void find(const Rods& rods, float reach)
+    void find_in_strip(const Rods& rods, float reach, std::size_t strip)
     {
+        std::vector<Pair>& pairs = strips[strip];
         pairs.clear();
-        const glm::ivec2 cells = glm::max(glm::ivec2(glm::floor(rods.period / reach)), glm::ivec2(1));
-        const glm::vec2 scale = glm::vec2(cells) / rods.period;
-        const auto cell_of = [&](glm::vec3 p) {
-            const auto one = [](float x, int n) {
-                const int i = static_cast<int>(std::floor(x)) % n;
-                return i < 0 ? i + n : i;
-            };
-            return glm::ivec2(one(p.x * scale.x, cells.x), one(p.y * scale.y, cells.y));
-        };
-        const std::size_t cell_count = static_cast<std::size_t>(cells.x) * static_cast<std::size_t>(cells.y);
-        first.assign(cell_count + 1, 0);
-        cell.resize(rods.point.size());
-        for (std::size_t i = 0; i < rods.point.size(); ++i) {
-            const glm::ivec2 c = cell_of(rods.point[i]);
-            cell[i] = static_cast<std::uint32_t>(c.y * cells.x + c.x);
-            ++first[cell[i] + 1];
-        }
-        for (std::size_t c = 0; c < cell_count; ++c) first[c + 1] += first[c];
-        member.resize(rods.point.size());
-        fill.assign(first.begin(), first.end() - 1);
-        for (std::size_t i = 0; i < rods.point.size(); ++i) member[fill[cell[i]]++] = static_cast<std::uint32_t>(i);
-        for (std::size_t i = 0; i < rods.point.size(); ++i) {
-            const glm::ivec2 c(static_cast<int>(cell[i]) % cells.x, static_cast<int>(cell[i]) / cells.x);
-            // Where the tile is only one or two cells wide, -1 and 1 are the same cell: visited once.
-            for (int dy = cells.y > 2 ? -1 : 0; dy <= (cells.y > 1 ? 1 : 0); ++dy)
-                for (int dx = cells.x > 2 ? -1 : 0; dx <= (cells.x > 1 ? 1 : 0); ++dx) {
-                    const int x = (c.x + dx + cells.x) % cells.x, y = (c.y + dy + cells.y) % cells.y;
-                    const std::size_t there = static_cast<std::size_t>(y * cells.x + x);
-                    for (std::size_t k = first[there]; k < first[there + 1]; ++k) {
-                        const std::size_t j = member[k];
-                        if (j <= i) continue;
-                        const glm::vec3 d = apart(rods.point[i], rods.point[j], rods.period);
-                        if (glm::dot(d, d) >= reach * reach) continue;
-                        if (strand[i] == strand[j] && arc(rods, i, j) < near_by_arc) continue;
-                        pairs.push_back({static_cast<std::uint32_t>(i), static_cast<std::uint32_t>(j)});
+        const int rows = cells.y, share = static_cast<int>(strips.size());
+        const int low = rows * static_cast<int>(strip) / share, high = rows * (static_cast<int>(strip) + 1) / share;
+        for (int y = low; y < high; ++y)
+            for (int x = 0; x < cells.x; ++x) {
+                const std::size_t here = static_cast<std::size_t>(y * cells.x + x);
+                // Where the tile is only one or two cells wide, -1 and 1 are the same cell: visited once.
+                for (int dy = rows > 2 ? -1 : 0; dy <= (rows > 1 ? 1 : 0); ++dy)
+                    for (int dx = cells.x > 2 ? -1 : 0; dx <= (cells.x > 1 ? 1 : 0); ++dx) {
+                        const std::size_t there =
+                            static_cast<std::size_t>((y + dy + rows) % rows * cells.x + (x + dx + cells.x) % cells.x);
+                        for (std::size_t k = first[here]; k < first[here + 1]; ++k)
+                            for (std::size_t l = first[there]; l < first[there + 1]; ++l)
+                                if (member[l] > member[k]) add(rods, reach, k, l, pairs);
                     }
-                }
-        }
+            }
     }
 
-    std::vector<Pair> pairs;
-    std::vector<std::uint32_t> strand;
+    void add(const Rods& rods, float reach, std::size_t k, std::size_t l, std::vector<Pair>& pairs) const
+    {
+        const glm::vec3 d = place[l] - place[k];
+        glm::vec2 shift(0);
+        if (std::abs(d.x) > 0.5f * rods.period.x || std::abs(d.y) > 0.5f * rods.period.y)
+            shift = -rods.period * glm::floor(glm::vec2(d) / rods.period + 0.5f);
+        const std::uint32_t i = member[k], j = member[l];
+        const glm::vec3 between = d + glm::vec3(shift, 0);
+        if (glm::dot(between, between) >= reach * reach) return;
+        if (strand[i] == strand[j] && arc(rods, i, j) < near_by_arc) return;
+        pairs.push_back({i, j, shift});
+    }
 
-  private:
+    glm::ivec2 cells{1};
     std::vector<std::size_t> first, fill;
-    std::vector<std::uint32_t> member, cell;
+    std::vector<std::uint32_t> member, cell; // points in the order of their cells; cell of each point
+    std::vector<glm::vec3> place;            // of `member`
+    std::vector<std::vector<Pair>> strips;
 };
+
+glm::vec3 apart(const Rods& rods, const Pair& pair) // from a to b
+{
+    return rods.point[pair.b] - rods.point[pair.a] + glm::vec3(pair.shift, 0);
+}
 
 // Each point a share of the way to the middle of the two that are `stride` before and after it.
 void straighten(Rods& rods, std::vector<glm::vec3>& before, std::size_t stride, float share)
@@ -139,18 +170,17 @@ void keep_lengths(Rods& rods, bool backward)
     });
 }
 
-void part(Rods& rods, const std::vector<Pair>& pairs, float distance)
+void part(Rods& rods, const Neighbours& neighbours, float distance)
 {
-    for (const Pair pair : pairs) {
-        glm::vec3 &a = rods.point[pair.a], &b = rods.point[pair.b];
-        const glm::vec3 d = apart(a, b, rods.period);
+    neighbours.each([&](const Pair& pair) {
+        const glm::vec3 d = apart(rods, pair);
         const float square = glm::dot(d, d);
-        if (square >= distance * distance) continue;
+        if (square >= distance * distance) return;
         const float length = std::sqrt(std::max(square, 1e-8f));
         const glm::vec3 step = 0.5f * (distance / length - 1) * d;
-        a -= step;
-        b += step;
-    }
+        rods.point[pair.a] -= step;
+        rods.point[pair.b] += step;
+    });
 }
 
 // Squared distance of the segments p + s u and q + t v, s, t in [0, 1].
@@ -174,18 +204,20 @@ void relax(Rods& rods, float effort)
     constexpr float flattening = 0.01f; // a step: cloth is pressed and stretched, its loops do not stand up
     Neighbours neighbours(rods);
     std::vector<glm::vec3> before, listed;
+    float reach = 0; // of the pairs that are listed
     // At last lengths are let go, a little: else what is too long for its place would zigzag from point to point.
     for (int step = 0; step < growing + whole + settling; ++step) {
         // Thin rods first: what lies on the wrong side at full thickness still finds its way.
         const float grown = std::min(1.0f, 0.5f + 0.5f * static_cast<float>(step) / static_cast<float>(growing));
         const bool bends = step < growing + whole;
-        float moved2 = listed.empty() ? 1.0f : 0.0f;
+        float moved2 = 0;
         for (std::size_t i = 0; i < listed.size(); ++i) {
             const glm::vec3 d = rods.point[i] - listed[i];
             moved2 = std::max(moved2, glm::dot(d, d));
         }
-        if (moved2 > margin * margin / 4) {
-            neighbours.find(rods, 2 + margin);
+        if (2 * grown + 2 * std::sqrt(moved2) > reach) {
+            reach = 2 * grown + margin;
+            neighbours.find(rods, reach);
             listed = rods.point;
         }
         if (bends) {
@@ -197,7 +229,7 @@ void relax(Rods& rods, float effort)
             for (glm::vec3& p : rods.point) p.z *= 1 - flattening;
         for (int again = 0; again < 2; ++again) {
             if (bends) keep_lengths(rods, again == 1);
-            part(rods, neighbours.pairs, 2 * grown);
+            part(rods, neighbours, 2 * grown);
         }
     }
 }
@@ -214,15 +246,15 @@ std::vector<float> clearances(const Rods& rods)
         if (closes) d.x += rods.period.x;
         return d;
     };
-    for (const Pair pair : neighbours.pairs) {
-        const glm::vec3 between = apart(rods.point[pair.a], rods.point[pair.b], rods.period);
+    neighbours.each([&](const Pair& pair) {
+        const glm::vec3 between = apart(rods, pair);
         const float half = 0.5f * std::sqrt(segment_distance2(glm::vec3(0), onward(pair.a), between, onward(pair.b)));
         for (const std::size_t i : {pair.a, pair.b}) {
             const std::size_t s = neighbours.strand[i], next = i + 1 == rods.start[s + 1] ? rods.start[s] : i + 1;
             clear[i] = std::min(clear[i], half);
             clear[next] = std::min(clear[next], half);
         }
-    }
+    });
     return clear;
 }
 

@@ -35,6 +35,7 @@ struct Segments {
     std::vector<glm::vec3> mitre;   // unit normal of the plane in which the segments before and after i meet
     std::vector<std::uint8_t> last; // the tube ends here
     std::vector<float> aspect;      // of the tube
+    std::vector<glm::vec2> flat;    // of the tube: drawn out by so much to either side
     std::vector<std::uint8_t> yarn;
 
     explicit Segments(const PlyModel& model)
@@ -58,6 +59,7 @@ struct Segments {
                 mitre.push_back(glm::normalize(arrives + leaves));
                 last.push_back(i + 1 == count ? 1 : 0);
                 aspect.push_back(tube.aspect);
+                flat.push_back(tube.flat_m);
                 yarn.push_back(static_cast<std::uint8_t>(tube.yarn));
             }
         }
@@ -76,7 +78,8 @@ Bounds bounds_of(const Segments& segments, std::size_t i)
         const glm::vec2 centre(segments.point[end]);
         // 1.1: the mitre's ellipse is larger than the section where the tube bends
         const glm::vec2 reach =
-            1.1f * segments.point[end].w * glm::sqrt(glm::max(1.0f - glm::vec2(m) * glm::vec2(m), 0.0f));
+            1.1f * segments.point[end].w * glm::sqrt(glm::max(1.0f - glm::vec2(m) * glm::vec2(m), 0.0f)) +
+            glm::abs(segments.flat[end]);
         bounds.low = glm::min(bounds.low, centre - reach);
         bounds.high = glm::max(bounds.high, centre + reach);
     }
@@ -153,25 +156,37 @@ struct TubePiece {
     float length, radius, overlap, inverse_a;
 };
 
+// A ray at x, y from point i and the straight cylinder: |p - (p.d) d|^2 = r^2 for p = (x, y, z) is
+// a z^2 - 2 h z + c = 0.
+struct Meeting {
+    float inside;     // less than 0: it passes by
+    float z;          // where it meets the upper surface (sign 1) or the lower one (-1)
+    float past, left; // of that point: beyond the plane where the piece begins, before the plane where it ends
+};
+inline Meeting meet_straight(const TubePiece& piece, float x, float y, float sign)
+{
+    const auto& [chord, d, m0, m1, length, radius, overlap, inverse_a] = piece;
+    const float along = x * d.x + y * d.y, h = along * d.z, a = 1 / inverse_a;
+    const float inside = h * h - a * (x * x + y * y - along * along - radius * radius);
+    const float z = (h + sign * std::sqrt(std::max(inside, 0.0f))) * inverse_a;
+    return {inside, z, x * m0.x + y * m0.y + z * m0.z,
+            (chord.x - x) * m1.x + (chord.y - y) * m1.y + (chord.z - z) * m1.z};
+}
+
 // Rays at qx, qy from point i, many at once and without a branch, so that the compiler makes vectors of the loop.
 //   sign     1: the upper surface, -1: the lower one
 //   height   sign * z from point i; -infinity where the ray meets nothing
 //   doubled  as Band has it
-void meet(const TubePiece& piece, const float* __restrict qx, const float* __restrict qy, int count, float sign,
+void meet(const TubePiece& of, const float* __restrict qx, const float* __restrict qy, int count, float sign,
           float* __restrict height, float* __restrict doubled_x, float* __restrict doubled_y)
 {
-    const auto [chord, d, m0, m1, length, radius, overlap, inverse_a] =
-        piece; // copies, which the loop's stores leave alone
-    const float a = 1 / inverse_a;
+    const TubePiece piece = of; // a copy, which the loop's stores leave alone
+    const auto& [chord, d, m0, m1, length, radius, overlap, inverse_a] = piece;
     for (int k = 0; k < count; ++k) {
-        // |p - (p.d) d|^2 = r^2 for p = (x, y, z) is a z^2 - 2 h z + c = 0.
-        const float x = qx[k], y = qy[k], along = x * d.x + y * d.y, h = along * d.z;
-        const float inside = h * h - a * (x * x + y * y - along * along - radius * radius);
-        const float z = (h + sign * std::sqrt(std::max(inside, 0.0f))) * inverse_a;
+        const float x = qx[k], y = qy[k];
         // Between the planes: not before the first, before the second; with a little overlap, for where radii change
         // the cylinders do not quite meet.
-        const float past = x * m0.x + y * m0.y + z * m0.z;
-        const float left = (chord.x - x) * m1.x + (chord.y - y) * m1.y + (chord.z - z) * m1.z;
+        const auto [inside, z, past, left] = meet_straight(piece, x, y, sign);
         const float whole = past + left, ratio = past / std::max(whole, 1e-20f);
         const float t = std::min(std::max(ratio, 0.0f), 1.0f), u = 1 - t;
         const float wx = u * m0.x + t * m1.x, wy = u * m0.y + t * m1.y, wz = u * m0.z + t * m1.z;
@@ -194,6 +209,55 @@ void meet(const TubePiece& piece, const float* __restrict qx, const float* __res
     }
 }
 
+// A piece of a tube that is drawn out along `flat`: of its copies, moved by -flat to flat, a ray along z sees the
+// highest. Those rise towards the one whose ridge the ray meets, where the normal has no part along `flat`, and fall
+// beyond it.
+struct Drawing {
+    glm::vec2 along{0}; // of the copies, unit
+    float reach = 0;    // to either side
+    glm::vec2 axis{0};  // of the cylinder, in the plane, so long that along x axis = 1
+    float ridge = 0;    // in front, in copies' distance from the axis; behind it is -ridge
+
+    Drawing(glm::vec2 flat, const TubePiece& piece)
+    {
+        const float length = glm::length(flat);
+        if (length == 0) return;
+        along = flat / length;
+        const float turn = cross(along, glm::vec2(piece.d));
+        // Along itself: the copies cover nothing that the tube's other segments do not.
+        if (std::abs(turn) < 1e-3f) return;
+        reach = length;
+        axis = glm::vec2(piece.d) / turn;
+        const glm::vec3 normal = glm::normalize(glm::cross(piece.d, glm::vec3(along, 0)));
+        ridge = piece.radius * (normal.z < 0 ? -1.0f : 1.0f) * cross(glm::vec2(normal), axis);
+    }
+
+    // The ray at q from point i of the tube, seen from point i of the copy that it sees.
+    glm::vec2 moved(glm::vec2 q, const TubePiece& piece, float sign) const
+    {
+        float copy = std::clamp(cross(q, axis) - sign * ridge, -reach, reach);
+        // Where that copy is met beyond the piece's end, the highest one within it is met at the end: Newton's steps
+        // to there.
+        for (int step = 0; step < 4; ++step) {
+            const glm::vec2 p = q - copy * along;
+            const Meeting met = meet_straight(piece, p.x, p.y, sign);
+            const bool early = met.past < met.left;
+            const float beyond = early ? met.past : met.left;
+            if (met.inside < 0 || beyond >= -piece.overlap) break;
+            const glm::vec3 point(p, met.z), normal = point - glm::dot(point, piece.d) * piece.d;
+            const glm::vec3 moves(-along, glm::dot(glm::vec2(normal), along) / normal.z);
+            const float slope = early ? glm::dot(piece.m0, moves) : -glm::dot(piece.m1, moves);
+            const float next = std::clamp(copy - beyond / slope, -reach, reach);
+            if (!(std::abs(next - copy) > 1e-4f * piece.radius)) break;
+            copy = next;
+        }
+        return q - copy * along;
+    }
+
+  private:
+    static float cross(glm::vec2 a, glm::vec2 b) { return a.x * b.y - a.y * b.x; }
+};
+
 // Rays along z against the tube between points i and i + 1.
 void rasterise(const Segments& segments, std::size_t i, float shift_m, glm::vec2 step_m, Band& band)
 {
@@ -210,6 +274,8 @@ void rasterise(const Segments& segments, std::size_t i, float shift_m, glm::vec2
     // Upright: seen as nothing but its neighbours' ends. Folded back on itself: inside the bend of its neighbours.
     if (1 - d.z * d.z < 1e-6f || glm::dot(m0, d) < 0.1f || glm::dot(m1, d) < 0.1f) return;
     const TubePiece piece{chord, d, m0, m1, length, radius, overlap, 1 / (1 - d.z * d.z)};
+    const Drawing drawing(segments.flat[i], piece);
+    const glm::vec2 drawn = drawing.reach * drawing.along;
 
     constexpr int rays = 64;
     float qx[rays], qy[rays], height[rays], doubled_x[rays], doubled_y[rays];
@@ -230,7 +296,7 @@ void rasterise(const Segments& segments, std::size_t i, float shift_m, glm::vec2
             count = 0;
         };
         // z = h / a + sign * root / a with h linear in x and y and root / a from 0 to radius / across: what `meet` asks
-        // of a hit, c x >= low, at the root that asks least.
+        // of a hit, c x >= low, at the root and the copy that ask least.
         const glm::vec2 rise = glm::vec2(d) * (d.z / a);
         const glm::vec2 c0 = glm::vec2(m0) + m0.z * rise, c1 = glm::vec2(m1) + m1.z * rise;
         const float low0 = -slack - std::max(sign * m0.z, 0.0f) * radius / across,
@@ -238,15 +304,16 @@ void rasterise(const Segments& segments, std::size_t i, float shift_m, glm::vec2
         for (int row = row0; row <= row1; ++row) {
             const float y = (static_cast<float>(row) + 0.5f) * step_m.y - shift_m - from.y;
             float least = b.low.x - from.x, most = b.high.x - from.x;
-            const auto bound = [&](float c, float low) {
+            const auto bound = [&](glm::vec2 c2, float low2) {
+                const float c = c2.x, low = low2 - y * c2.y - std::abs(glm::dot(c2, drawn));
                 if (c > 1e-6f) least = std::max(least, low / c);
                 if (c < -1e-6f) most = std::min(most, low / c);
                 if (std::abs(c) <= 1e-6f && low > slack) most = least - step_m.x;
             };
-            bound(c0.x, low0 - y * c0.y);
-            bound(-c1.x, low1 + y * c1.y);
-            bound(d.y, y * d.x - radius * across - slack);
-            bound(-d.y, -y * d.x - radius * across - slack);
+            bound(c0, low0);
+            bound(-c1, low1);
+            bound({d.y, -d.x}, -radius * across - slack);
+            bound({-d.y, d.x}, -radius * across - slack);
             const int column0 = static_cast<int>(std::ceil((least + from.x) / step_m.x - 0.5f));
             const int column1 = static_cast<int>(std::floor((most + from.x) / step_m.x - 0.5f));
             const auto row_cell = static_cast<std::uint32_t>(band.at(0, row));
@@ -257,6 +324,10 @@ void rasterise(const Segments& segments, std::size_t i, float shift_m, glm::vec2
                 for (int k = 0; k < run; ++k) {
                     qx[count + k] = (static_cast<float>(column + k) + 0.5f) * step_m.x - from.x;
                     qy[count + k] = y;
+                }
+                for (int k = count; drawing.reach > 0 && k < count + run; ++k) {
+                    const glm::vec2 moved = drawing.moved({qx[k], qy[k]}, piece, sign);
+                    qx[k] = moved.x, qy[k] = moved.y;
                 }
                 for (int k = 0; k < run; ++k) {
                     cell[count + k] = row_cell + wrapped_column;

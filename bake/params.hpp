@@ -30,4 +30,23 @@ inline constexpr YarnParam yarn_params[] = {
 
 inline constexpr int ply_limit = 12; // plies in a yarn
 
+struct Section {
+    YarnSection section;
+    const char* name;
+};
+inline constexpr Section yarn_sections[] = {{YarnSection::ellipse, "ellipse"}, {YarnSection::racetrack, "racetrack"}};
+
+// What yarns are made of, for widths from their tex. Densities: Morton & Hearle, "Physical Properties of Textile
+// Fibres", table 5.1, at 65 % relative humidity. Packing: share of a ply's section that is fibre; 0.6 is Peirce's
+// 1.1 cm^3/g of spun cotton (Journal of the Textile Institute 28, 1937), wool is loftier, filaments lie closer
+// (Hearle, Grosberg & Backer, "Structural Mechanics of Fibers, Yarns, and Fabrics", 1969: 0.5 to 0.8).
+struct Fibre {
+    const char* name;
+    float density_kg_m3, packing;
+};
+inline constexpr Fibre fibres[] = {
+    {"cotton", 1520, 0.60f},  {"flax", 1500, 0.60f},      {"wool", 1310, 0.50f},  {"silk", 1340, 0.70f},
+    {"viscose", 1490, 0.65f}, {"polyester", 1390, 0.70f}, {"nylon", 1140, 0.70f},
+};
+
 } // namespace selvedge

@@ -14,8 +14,7 @@ namespace
 {
 
 constexpr float pi = 3.14159265358979f;
-constexpr int fewest_threads = 4;        // small repeats are repeated: room for a turn of the plies
-constexpr float ply_compression = 1.12f; // plies in contact flatten: radius over that of round plies that just touch
+constexpr int fewest_threads = 4; // small repeats are repeated: room for a turn of the plies
 
 // Lengths of threads: the artist's mean times the draft's proportions.
 std::vector<float> lengths(const std::vector<DraftThread>& threads, float DraftThread::*member, float mean_m)
@@ -64,20 +63,24 @@ int even_up(float texels)
     return std::max(2, 2 * static_cast<int>(std::ceil(texels / 2 - 1e-3f)));
 }
 
-// Radius of n equal plies around a yarn's axis and of their helix, for a yarn of radius 1.
-glm::vec2 ply_radii(int plies)
+// Half of the straight part of a race-track ply, of the yarn's half width.
+float flat_share(const YarnSpec& yarn, int plies)
 {
-    if (plies == 1) return {1, 0};
-    const float s = std::sin(pi / static_cast<float>(plies));
-    const float radius = std::min(ply_compression * s / (1 + s), 0.9f);
-    return {radius, 1 - radius};
+    return yarn.section == YarnSection::racetrack ? ply_radii(plies).x * (1 - yarn.aspect) : 0.0f;
 }
 
-// The wave of one yarn's axis: heights at the crossings and a cosine between them.
+// The wave of one yarn's axis: heights at the crossings, kept over the flat part of the crossing yarn, and a cosine
+// between them.
 struct Axis {
-    std::vector<float> at_m, height_m; // positions of the crossings, rising; heights there
+    std::vector<float> at_m, height_m, flat_m; // positions of the crossings, rising; heights there; half flat parts
     float period_m = 0;
 
+    // length of the cosine that follows crossing i; more than 0: yarns are no wider than their spacing
+    float slant_m(std::size_t i) const
+    {
+        const std::size_t j = (i + 1) % at_m.size();
+        return (j > i ? at_m[j] : at_m[0] + period_m) - at_m[i] - flat_m[i] - flat_m[j];
+    }
     // height at s, any s
     float operator()(float s) const
     {
@@ -85,8 +88,7 @@ struct Axis {
         const float wrapped = s - period_m * std::floor((s - at_m[0]) / period_m);
         const auto next = std::upper_bound(at_m.begin(), at_m.end(), wrapped);
         const std::size_t i = static_cast<std::size_t>(next - at_m.begin()) - 1, j = (i + 1) % count;
-        const float span = (j > i ? at_m[j] : at_m[0] + period_m) - at_m[i];
-        const float t = std::clamp((wrapped - at_m[i]) / span, 0.0f, 1.0f);
+        const float t = std::clamp((wrapped - at_m[i] - flat_m[i]) / slant_m(i), 0.0f, 1.0f);
         const float rise = height_m[j] - height_m[i];
         return height_m[i] + rise * (1 - std::cos(pi * t)) / 2;
     }
@@ -142,13 +144,22 @@ PlyModel wind_plies(glm::vec2 tile_m, const std::vector<YarnPath>& yarns)
     std::vector<glm::vec3> line, right;
     for (const YarnPath& yarn : yarns) {
         const std::size_t count = yarn.points.size() - 1;
+        const glm::vec2 radii = ply_radii(yarn.plies);
         PlyTube tube;
         tube.aspect = yarn.aspect;
         tube.yarn = yarn.yarn;
         tube.warp = yarn.warp;
+        float of_width = 1; // radius before drawing out over half width
+        if (yarn.section == YarnSection::racetrack) {
+            const glm::vec2 along(yarn.points[count].centre_m - yarn.points[0].centre_m);
+            const float flat = radii.x * (1 - yarn.aspect) * yarn.points[0].half_width_m;
+            tube.flat_m = flat * glm::normalize(glm::vec2(along.y, -along.x));
+            tube.aspect = 1;
+            of_width = yarn.aspect;
+        }
         if (yarn.plies == 1) {
             for (const YarnPath::Point& point : yarn.points)
-                tube.points.push_back({point.centre_m, point.half_width_m});
+                tube.points.push_back({point.centre_m, of_width * point.half_width_m});
             model.tubes.push_back(std::move(tube));
             continue;
         }
@@ -168,7 +179,6 @@ PlyModel wind_plies(glm::vec2 tile_m, const std::vector<YarnPath>& yarns)
         const glm::vec3 closing = carried(right.back(), way[0]);
         const float turned = std::atan2(glm::dot(glm::cross(right[0], closing), way[0]), glm::dot(right[0], closing));
 
-        const glm::vec2 radii = ply_radii(yarn.plies);
         const float plies = static_cast<float>(yarn.plies);
         const auto point = [&](int ply, std::size_t i) {
             const float share = static_cast<float>(i) / static_cast<float>(count);
@@ -179,7 +189,7 @@ PlyModel wind_plies(glm::vec2 tile_m, const std::vector<YarnPath>& yarns)
             const float half_width = yarn.points[i].half_width_m;
             return PlyPoint{(line[i] + half_width * radii.y * (std::cos(angle) * right[i] + std::sin(angle) * up)) /
                                 stretch,
-                            half_width * radii.x};
+                            of_width * half_width * radii.x};
         };
         const glm::vec3 period = yarn.points.back().centre_m - yarn.points.front().centre_m;
         for (int ply = 0; ply < yarn.plies; ++ply) {
@@ -304,6 +314,7 @@ std::vector<YarnPath> weave_yarns(const Fabric& fabric, const WovenPlan& plan)
         const YarnSpec& yarn = warp ? fabric.warp : fabric.weft;
         const YarnSpec& other = warp ? fabric.weft : fabric.warp;
         const auto& crossing_width = warp ? plan.pick_width_m : plan.end_width_m;
+        const float crossing_flat = flat_share(other, warp ? plan.weft_plies : plan.warp_plies);
         const float half_width = (warp ? plan.end_width_m : plan.pick_width_m)[index] / 2;
         const float across = (warp ? end_at : pick_at)[index];
         const float share = warp ? warp_share : weft_share;
@@ -318,16 +329,18 @@ std::vector<YarnPath> weave_yarns(const Fabric& fabric, const WovenPlan& plan)
             const bool on_top = plan.repeat.warp_on_top(warp ? c : index, warp ? index : c) == warp;
             const float reach = share * (yarn.aspect * half_width + other.aspect * crossing_width[c] / 2);
             axis.height_m.push_back(on_top ? reach : -reach);
+            axis.flat_m.push_back(crossing_flat * crossing_width[c] / 2);
         }
 
         // Fine enough for the cosine between two crossings and for the helix, and never finer than texels can show.
-        const float finest = smallest(warp ? plan.pick_spacing_m : plan.end_spacing_m);
-        float step_m = finest / 8;
+        float step_m = length;
+        for (std::size_t c = 0; c < axis.at_m.size(); ++c) step_m = std::min(step_m, axis.slant_m(c) / 8);
         if (steps != 0)
             step_m = std::min(step_m, length * static_cast<float>(plies) / static_cast<float>(std::abs(steps)) / 32);
-        const int count = static_cast<int>(std::ceil(length / std::max(step_m, 0.75f * texel_m)));
+        const int count = static_cast<int>(std::ceil(length / std::max(step_m, 0.75f * texel_m) - 1e-3f));
         YarnPath path;
         path.aspect = yarn.aspect;
+        path.section = yarn.section;
         path.warp = warp;
         path.yarn = (warp ? plan.end_type : plan.pick_type)[index];
         path.plies = plies;

@@ -22,7 +22,8 @@ struct YarnPath {
     };
     std::vector<Point> points; // as fine as plies and texels ask for
     float aspect = 1;
-    int yarn = 0; // yarn type
+    YarnSection section = YarnSection::ellipse; // racetrack: of a line that is straight, seen from above
+    int yarn = 0;                               // yarn type
     bool warp = false;
     int plies = 1;
     int turns = 0;   // signed steps of 1/plies turn from the first point to the last, so that plies close; Z positive
@@ -32,16 +33,18 @@ struct YarnPath {
 // A point of a ply's centre line.
 struct PlyPoint {
     glm::vec3 centre_m; // x, y in the tile, z above the mid-plane of the cloth
-    float radius_m;     // half width of the ply seen from above
+    float radius_m;     // half width of the ply seen from above, before it is drawn out
 };
 
 // One ply: a tube around a polyline that closes through the tile: its last point is the first one of a ply of its yarn,
 // a period further: its own, or where the plies have changed places over the period, another's. The section is an
 // ellipse: half width radius, half height aspect * radius. Exactly: the tube is what a ball sweeps after z has been
-// scaled by 1/aspect, scaled back.
+// scaled by 1/aspect, scaled back. A race-track section is such a tube drawn out across: all of its points moved by
+// every vector from -flat_m to flat_m.
 struct PlyTube {
     std::vector<PlyPoint> points;
     float aspect = 1;
+    glm::vec2 flat_m{0};
     int yarn = 0; // yarn type
     bool warp = false;
     std::optional<glm::vec3> before_m, after_m; // the points before the first and after the last; absent: its own
@@ -91,7 +94,8 @@ inline constexpr float fewest_texels_for_plies = 6; // across a yarn
 WovenPlan plan_woven(const Fabric& fabric, int resolution);
 
 // Yarn axes in a shallow wave: at every crossing the two yarns touch (z of the upper axis - z of the lower = sum of the
-// half heights, shared by `crimp`), a cosine leads from one crossing to the next, floats stay flat.
+// half heights, shared by `crimp`), over the whole flat part of race-tracks; a cosine leads from one crossing to the
+// next, floats stay flat.
 std::vector<YarnPath> weave_yarns(const Fabric& fabric, const WovenPlan& plan);
 
 } // namespace selvedge

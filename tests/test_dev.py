@@ -12,7 +12,7 @@ import evaluate
 NOBODY = 65534
 
 
-@pytest.mark.parametrize("arguments", [[], ["frobnicate"], ["test", "--fast"], ["bench", "--slow"], ["demo", "now"], ["test", "-k"], ["fuzz", "soon"]])
+@pytest.mark.parametrize("arguments", [[], ["frobnicate"], ["test", "--fast"], ["bench", "--slow"], ["demo", "now"], ["fabrics", "denim"], ["test", "-k"], ["fuzz", "soon"]])
 def test_wrong_use_is_refused(arguments):
     done = subprocess.run([evaluate.ROOT / "dev", *arguments], capture_output=True, text=True, timeout=60)
     assert done.returncode == 2
@@ -32,7 +32,7 @@ def test_unknown_reader_is_refused():
 def test_help_names_every_command():
     done = subprocess.run([evaluate.ROOT / "dev", "--help"], capture_output=True, text=True, timeout=60)
     assert done.returncode == 0
-    assert all(f"./dev {command}" in done.stdout for command in ("demo", "app", "test", "bench", "fuzz", "format", "check"))
+    assert all(f"./dev {command}" in done.stdout for command in ("demo", "app", "test", "bench", "fuzz", "fabrics", "format", "check"))
 
 
 @pytest.mark.parametrize("command", ["demo", "test", "bench", "check"])

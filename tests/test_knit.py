@@ -125,6 +125,7 @@ BAD_FABRICS = {
     "warp": ('{"knit": "jersey",\n"warp": {}}', ':2: warp: stands beside "knit"'),
     "yarn of a weave": ('{"pattern": "plain 1/1",\n"yarn": {}}', ':2: yarn: a knit\'s, expected "knit" beside it'),
     "spacing": ('{"knit": "jersey",\n"yarn": {"spacing": 0.001}}', ":2: yarn.spacing: a woven yarn's, expected wale_spacing"),
+    "section": ('{"knit": "jersey",\n"yarn": {"section": "racetrack"}}', ":2: yarn.section: a woven yarn's: knitted yarns are ellipses"),
     "range": ('{"knit": "jersey",\n"wale_spacing": 0}', ":2: wale_spacing: found 0, expected a number from 4e-05 to 0.1"),
     "loop": ('{"knit": "jersey", "loop_length": 0.0001}', ":1: loop_length: found 0.0001, expected a number from "),
     "two": ('{"knit": {"chart": "a.txt", "knitout": "a.k"}}', ":1: knit: 2 keys, expected one of chart, knitout"),

@@ -126,6 +126,33 @@ def test_what_is_no_weave_is_refused_in_one_line(export, pattern, said):
     assert said in result.stderr and result.stderr.count("\n") == 1, result.stderr
 
 
+@pytest.mark.parametrize("yarn, said", [
+    ({"section": "oval"}, ":4: warp.section: found \"oval\", expected one of ellipse, racetrack"),
+    ({"section": "racetrack", "aspect": 1.1}, ":5: warp.aspect: found 1.1, expected at most 1: a race-track is wider than high"),
+    ({"fibre": "hemp"}, ":4: warp.fibre: found \"hemp\", expected "),
+    ({"tex": 0}, ":4: warp.tex: found 0, expected a number from 0.1"),
+])
+def test_yarns_that_cannot_be_are_refused_in_one_line(export, yarn, said):
+    result = export("plain", warp=yarn)
+    assert result.returncode == 1
+    assert said in result.stderr and result.stderr.count("\n") == 1, result.stderr
+
+
+def test_tex_gives_the_width_and_a_stated_width_wins(program, tmp_path):
+    path = tmp_path / "fabric.json"
+    path.write_text(json.dumps({"pattern": "plain", "warp": {"tex": 20, "plies": 1, "aspect": 1}, "weft": {"tex": 20, "width": 0.0003}}))
+    lengths = json.loads(subprocess.run([program("bake"), path, "--json", "--resolution", "64"], capture_output=True, text=True, check=True).stdout)["lengths"]
+    assert lengths["warp"] == {"spacing": pytest.approx(0.0005), "width": pytest.approx(0.0001671, rel=1e-3)}   # Peirce
+    assert lengths["weft"]["width"] == pytest.approx(0.0003)
+
+
+def test_yarn_enumerations_are_the_schema_s(export):
+    """The message lists what the program takes."""
+    yarn = SCHEMA["$defs"]["yarn"]["properties"]
+    for key in ("section", "fibre"):
+        assert set(export("plain", warp={key: "?"}).stderr.split("expected one of ")[1].strip().split(", ")) == set(yarn[key]["enum"])
+
+
 FUZZERS = sorted(ROOT.glob("tests/cpp/fuzz_*.cpp"))
 
 

@@ -1,4 +1,5 @@
 // app/panels/fabric_panel.cpp: yarns of the scene's fabrics. Rows come from bake/params.hpp.
+#include <algorithm>
 #include <cstdio>
 
 #include <imgui.h>
@@ -51,6 +52,17 @@ static void draw_yarn(YarnSpec& yarn, bool& shading, bool& geometry)
     }
     ImGui::SliderInt("plies", &yarn.plies, 1, ply_limit, "%d", ImGuiSliderFlags_AlwaysClamp);
     geometry |= ImGui::IsItemDeactivatedAfterEdit();
+    for (const Section& row : yarn_sections) {
+        ImGui::BeginDisabled(row.section == YarnSection::racetrack && yarn.aspect > 1);
+        if (ImGui::RadioButton(row.name, yarn.section == row.section) && yarn.section != row.section) {
+            yarn.section = row.section;
+            geometry = true;
+        }
+        ImGui::EndDisabled();
+        ImGui::SameLine();
+    }
+    ImGui::NewLine();
+    if (yarn.section == YarnSection::racetrack) yarn.aspect = std::min(yarn.aspect, 1.0f);
     draw_colour("albedo", yarn.albedo, shading);
     draw_colour("albedo, transmission", yarn.albedo_transmission, yarn.albedo, shading);
     draw_colour("diffuse", yarn.diffuse, glm::vec3(0.1f), shading);

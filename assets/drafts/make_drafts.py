@@ -4,9 +4,9 @@ import pathlib
 
 HERE = pathlib.Path(__file__).parent
 
-NAVY, COPPER = (28, 44, 92), (232, 176, 112)
-CHARCOAL, CREAM = (46, 44, 48), (238, 230, 214)
-INDIGO, ECRU = (34, 52, 100), (232, 226, 212)
+CHARCOAL, CREAM = (78, 76, 80), (244, 240, 232)
+GREY, OATMEAL = (142, 140, 143), (218, 211, 198)
+INDIGO, ECRU = (72, 90, 138), (232, 226, 212)
 WINE, ROSE = (126, 22, 40), (236, 168, 160)
 
 
@@ -33,8 +33,8 @@ def balanced_tieup(shafts):
 
 DRAFTS = {
     # name: title, threading, tie-up, treadling, colours, warp colours, weft colours, spacing cm, thickness cm
-    "herringbone": ("Herringbone 2/2, navy warp, copper weft", herringbone_threading(16), balanced_tieup(4),
-                    twill_threading(4), [NAVY, COPPER], [1] * 16, [2] * 4, 0.06, 0.056),
+    "herringbone": ("Herringbone 2/2, grey warp, oatmeal weft", herringbone_threading(16), balanced_tieup(4),
+                    twill_threading(4), [GREY, OATMEAL], [1] * 16, [2] * 4, 0.08, 0.07),
     "houndstooth": ("Houndstooth: 2/2 twill, four dark, four light both ways", twill_threading(8), balanced_tieup(4),
                     twill_threading(8), [CHARCOAL, CREAM], [1] * 4 + [2] * 4, [1] * 4 + [2] * 4, 0.09, 0.084),
     "goose_eye": ("Goose eye: point twill on four shafts, six ends and picks", point_threading(6), balanced_tieup(4),

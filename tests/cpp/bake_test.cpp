@@ -163,6 +163,116 @@ TEST_CASE("a straight tube projects to its circle, front and back")
     CHECK(gaps / 128.0 == Approx(0.4).margin(1.01 / 128)); // 1 - 2 r / p
 }
 
+TEST_CASE("a straight race-track projects to its rectangle between two half circles")
+{
+    PlyModel model = straight_tube(1, 0.1f, 1);
+    model.tubes[0].flat_m = {0.2f, 0};
+    const FabricMaps maps = project_plies(model, {128, 64}, 4);
+    int gaps = 0;
+    for (int x = 0; x < 128; ++x) {
+        const std::size_t i = static_cast<std::size_t>(20 * 128 + x);
+        gaps += maps.gap[i];
+        const float beyond = std::max(std::abs((static_cast<float>(x) + 0.5f) / 128 - 0.5f) - 0.2f, 0.0f);
+        if (beyond < 0.07f)
+            for (const SideMaps& side : maps.side)
+                CHECK(side.height_m[i] == Approx(std::sqrt(0.01f - beyond * beyond)).epsilon(5e-3));
+    }
+    CHECK(gaps / 128.0 == Approx(0.4).margin(1.01 / 128));
+}
+
+TEST_CASE("a leaning, rising tube drawn out is all of its copies together")
+{
+    // Two plies of a yarn that rises and falls: by definition of the race-track, and by copies that are round.
+    Fabric fabric = weave("plain 1/1", 2);
+    for (YarnSpec* yarn : {&fabric.warp, &fabric.weft}) yarn->section = YarnSection::racetrack, yarn->aspect = 0.45f;
+    const WovenPlan plan = plan_woven(fabric, 128);
+    PlyModel drawn = wind_plies(plan.tile_m, weave_yarns(fabric, plan));
+    drawn.tubes.resize(2); // the first end
+    REQUIRE(drawn.tubes[0].flat_m.x > 0);
+    REQUIRE(drawn.tubes[0].aspect == 1);
+    PlyModel copies = drawn;
+    copies.tubes.clear();
+    for (const PlyTube& tube : drawn.tubes)
+        for (int k = -100; k <= 100; ++k) {
+            PlyTube copy = tube;
+            copy.flat_m = {0, 0};
+            const glm::vec3 by(tube.flat_m * static_cast<float>(k) / 100.0f, 0);
+            for (PlyPoint& point : copy.points) point.centre_m += by;
+            copy.before_m = *tube.before_m + by, copy.after_m = *tube.after_m + by;
+            copies.tubes.push_back(copy);
+        }
+    const FabricMaps a = project_plies(drawn, plan.size, 4), b = project_plies(copies, plan.size, 4);
+    int other_gaps = 0;
+    double worst = 0, sum = 0;
+    for (std::size_t i = 0; i < a.gap.size(); ++i) {
+        other_gaps += a.gap[i] != b.gap[i] ? 1 : 0;
+        for (int side = 0; side < 2; ++side) {
+            const double apart =
+                static_cast<double>(std::abs(a.side[side].height_m[i] - b.side[side].height_m[i]) / 0.0002f);
+            worst = std::max(worst, apart), sum += apart;
+        }
+    }
+    // Of the half width. The copies stand 1/100 of its flat part apart, and a ray may meet one more or less of them.
+    CHECK(other_gaps == 0);
+    CHECK(worst < 0.03);
+    CHECK(sum / static_cast<double>(a.gap.size()) < 5e-4);
+}
+
+TEST_CASE("at a crossing race-tracks touch over their flat parts, ellipses do not")
+{
+    for (const YarnSection section : {YarnSection::ellipse, YarnSection::racetrack}) {
+        Fabric fabric = weave("plain 1/1", 1);
+        for (YarnSpec* yarn : {&fabric.warp, &fabric.weft})
+            yarn->section = section, yarn->aspect = 0.4f, yarn->width_m = 0.0004f;
+        const WovenPlan plan = plan_woven(fabric, 256);
+        const std::vector<YarnPath> yarns = weave_yarns(fabric, plan);
+        const auto of = [&](bool warp) {
+            std::vector<YarnPath> some;
+            for (const YarnPath& yarn : yarns)
+                if (yarn.warp == warp) some.push_back(yarn);
+            return project_plies(wind_plies(plan.tile_m, some), plan.size, 4);
+        };
+        const FabricMaps ends = of(true), picks = of(false);
+        // Lower side of the upper yarn over the upper side of the lower one, around the crossing of end 1 and pick 1.
+        const bool warp_up = plan.repeat.warp_on_top(1, 1);
+        const FabricMaps &upper = warp_up ? ends : picks, &lower = warp_up ? picks : ends;
+        const float texel_m = plan.tile_m.x / 256;
+        const int middle = static_cast<int>(1.5f * 0.0005f / texel_m);
+        const auto room = [&](int dx, int dy) {
+            const std::size_t i = static_cast<std::size_t>((middle + dy) * 256 + middle + dx);
+            return -upper.side[1].height_m[i] - lower.side[0].height_m[i];
+        };
+        const int flat = static_cast<int>(0.5f * (1 - 0.4f) * 0.0004f / texel_m) - 3; // chords cut the corner beyond
+        for (const int dx : {-flat, 0, flat})
+            for (const int dy : {-flat, 0, flat}) {
+                INFO("section " << static_cast<int>(section) << " at " << dx << ", " << dy);
+                if (section == YarnSection::racetrack)
+                    CHECK(std::abs(room(dx, dy)) < 0.005f * 0.00016f);
+                else if (dx != 0 || dy != 0)
+                    CHECK(std::abs(room(dx, dy)) > 0.05f * 0.00016f);
+            }
+    }
+}
+
+TEST_CASE("tex and fibre give the width whose section holds the fibres")
+{
+    YarnSpec yarn;
+    yarn.fibre = "cotton", yarn.plies = 1, yarn.aspect = 1;
+    // Peirce: a cotton yarn of N tex has 1.1e-3 N mm^2: 20 tex, 0.167 mm.
+    CHECK(width_of_tex(yarn, 20) == Approx(std::sqrt(4 * 20 * 1.1e-9 / 3.14159265)).epsilon(0.005));
+    const float round = width_of_tex(yarn, 20);
+    yarn.section = YarnSection::racetrack; // of aspect 1: a circle
+    CHECK(width_of_tex(yarn, 20) == Approx(round));
+    yarn.aspect = 0.3f; // area w h - (1 - pi / 4) h^2
+    const float w = width_of_tex(yarn, 20), h = 0.3f * w;
+    CHECK(w * h - (1 - pi / 4) * h * h == Approx(pi / 4 * round * round));
+    yarn.section = YarnSection::ellipse;
+    CHECK(0.3f * width_of_tex(yarn, 20) * width_of_tex(yarn, 20) == Approx(round * round));
+    // Two plies in contact: each a circle of half the tex, the yarn as wide as both, less how much they flatten.
+    yarn.aspect = 1, yarn.plies = 2;
+    CHECK(width_of_tex(yarn, 20) == Approx(round / std::sqrt(2.0f) / ply_radii(2).x));
+}
+
 TEST_CASE("light through parallel cylinders ends where their silhouettes meet")
 {
     // math.md 5.2: T_d = max(0, 1 - 2 r / (p cos theta)), through front and back horizons of gap points alone.
@@ -245,7 +355,9 @@ TEST_CASE("the visible projected area is that of the plane")
     // math.md 6.2 with exact horizons. What remains is the zeroed slope of gap texels and half-texel sampling.
     for (const char* pattern : {"plain 1/1", "twill 2/2", "satin 5"})
         for (const int plies : {1, 2}) {
-            const PackedFabric packed = baked(weave(pattern, plies));
+            Fabric fabric = weave(pattern, plies);
+            if (std::string(pattern) == "satin 5") fabric.warp.section = YarnSection::racetrack;
+            const PackedFabric packed = baked(fabric);
             for (int side = 0; side < 2; ++side)
                 for (const float degrees : {0.0f, 30.0f, 60.0f, 75.0f}) {
                     const float area = visible_area(packed, side, degrees);
@@ -562,6 +674,9 @@ TEST_CASE("the cache gives back the bake, ignores shading, and survives damage")
         // A twist is rounded to whole steps of the plies, so a small change may leave the tubes as they are.
         if (std::string(row.key) != "ply_twist") CHECK(report.cached == !row.geometry);
     }
+    fabric.warp.section = YarnSection::racetrack;
+    bake_fabric(fabric, {}, &report);
+    CHECK_FALSE(report.cached);
 }
 
 TEST_CASE("a damaged part of the cache is baked again by itself")
