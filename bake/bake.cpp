@@ -324,7 +324,8 @@ VisibilityError measure_visibility(const PackedFabric& fabric, int directions, i
                 float got = 0;
                 for (int spot = 0; spot < 16; ++spot)
                     got += cloth::f32::cloth_visibility_at(maps, side, {4 * x + spot % 4, 4 * y + spot / 4}, direction,
-                                                           settings) / 16;
+                                                           settings) /
+                           16;
                 sum += static_cast<double>((got - exact) * (got - exact));
             }
             sums[static_cast<std::size_t>(t)] += sum;
