@@ -146,6 +146,7 @@ PlyModel wind_plies(glm::vec2 tile_m, const std::vector<YarnPath>& yarns)
         tube.aspect = yarn.aspect;
         tube.yarn = yarn.yarn;
         tube.warp = yarn.warp;
+        tube.thread = static_cast<int>(&yarn - yarns.data());
         if (yarn.plies == 1) {
             for (const YarnPath::Point& point : yarn.points)
                 tube.points.push_back({point.centre_m, point.half_width_m});

@@ -150,9 +150,9 @@ struct Renderer::Batch {
     }
 };
 
-Renderer::Renderer(const Scene& scene, const RayScene& rays, const RenderSettings& settings)
-    : scene_(scene), rays_(rays), settings_(settings), camera_(make_camera(scene.camera, settings.resolution)),
-      lens_(lens_of(scene.camera)), lights_(lights_of(scene))
+Renderer::Renderer(const Scene& scene, const RayScene& rays, const RenderSettings& settings, const PlyScene* plies)
+    : scene_(scene), rays_(rays), plies_(plies), settings_(settings),
+      camera_(make_camera(scene.camera, settings.resolution)), lens_(lens_of(scene.camera)), lights_(lights_of(scene))
 {
     for (const SceneObject& object : scene.objects) {
         maps_.push_back(object.fabric >= 0 ? maps_of(scene.fabrics[std::size_t(object.fabric)]) : f32::ClothMaps{});
@@ -439,9 +439,42 @@ void Renderer::add_first_aovs(Batch& batch, std::uint32_t lane, RenderState& sta
     }
 }
 
+// The same among the plies, lane by lane.
+void Renderer::trace_plies(Batch& batch, RenderState& state, Counters& counters) const
+{
+    begin(batch, counters);
+    const int depth = settings_.integrator == Integrator::direct ? 1 : settings_.max_depth;
+    PlyCounters spent;
+    PlyVertex first;
+    for (std::uint32_t lane = 0; lane < batch.count; ++lane) {
+        PixelSums& sums = state.pixels[batch.pixel[lane]];
+        bool hit = false;
+        const glm::vec3 radiance =
+            plies_->radiance(batch.ray[lane], {batch.seed[lane], batch.index[lane], 0}, depth, spent, first, hit);
+        if (hit && aov_channels_ > 0) {
+            batch.vertex[lane] = {first.object, 0, first.distance, first.surface, first.shading};
+            batch.light[lane].any = false;
+            add_first_aovs(batch, lane, state);
+        }
+        sums.hits += hit ? 1.0 : 0.0;
+        if (is_good(radiance))
+            sums.block += glm::dvec3(radiance);
+        else
+            ++counters.bad_samples;
+        if (batch.index[lane] + 1 == settings_.block_length) sums.finish_block(batch.block[lane]);
+    }
+    counters.rays += spent.rays;
+    counters.shadow_rays += spent.shadow_rays;
+    counters.rays_saved += spent.rays_saved;
+}
+
 // All samples of the batch, into the sums of their pixels in the order of the lanes.
 void Renderer::trace(Batch& batch, RenderState& state, Counters& counters) const
 {
+    if (plies_) {
+        trace_plies(batch, state, counters);
+        return;
+    }
     begin(batch, counters);
     find_vertices(batch, true, counters);
     add_direct_light(batch, counters);

@@ -24,6 +24,7 @@ struct RenderOptions {
     Integrator integrator = Integrator::direct;
     int max_depth = 32;
     ModelOptions model;
+    bool plies = false; // --model plies
     std::uint32_t seed = 0;
     int threads = 0;             // 0: all
     glm::ivec2 resolution{0, 0}; // 0: the scene's

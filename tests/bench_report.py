@@ -12,6 +12,7 @@ import sys
 import time
 
 import ingredient_tables
+import plies_tables
 
 ROOT = pathlib.Path(__file__).resolve().parents[1]
 BIN = pathlib.Path(os.environ.get("SELVEDGE_BIN", ROOT / "build" / "bin"))
@@ -187,6 +188,8 @@ What the preview costs and saves, with software OpenGL unless the line above nam
 *specialised_over_general*: time of the program that the scene needs over that of the one that can do everything (`--keep all`), which draws
 the same bits. *gain*: time with a part done in vain over time without it. *off_over_stripped*: a scene that needs nothing against a shader
 written by hand for it (`tests/bench/stripped_shade.frag`). *max_bias*, *max_z_outliers*: against the reference, worst channel and scene.""",
+    "plies": """\
+How far the surface model is from path tracing of the plies themselves; the tables and what they mean are in [plies.md](plies.md).""",
     "stability": """\
 Every shared function on inputs that hunt trouble; errors by function, and what the figures mean, are in [stability.md](stability.md).""",
 }
@@ -268,6 +271,9 @@ def main():
     for report in reports:
         if report["suite"] == "ingredients":
             (options.document.parent / "ingredients.md").write_text(ingredient_tables.document(report, busy(report)))
+        if report["suite"] == "plies":
+            (options.document.parent / "plies.md").write_text(plies_tables.document(report, busy(report)))
+            (options.document.parent / "plies.png").write_bytes((options.out / "plies.png").read_bytes())
         if report["suite"] == "stability":
             (options.document.parent / "stability.md").write_text(stability_document(report))
     print(f"{options.document}: {', '.join(report['suite'] for report in reports)}")
