@@ -22,8 +22,8 @@ Above the plies, below the same view by our mode: plain, satin, twill and jersey
   of the way through it. A ray that meets it enters at one point and would leave it, straight on, at another. Each has a normal, that of
   the ply there, and a tangent, the ply's way turned by the fibre twist and its noise; the shared functions of the point BSDF are
   called as they are, in the frame of that normal.
-- Light is reflected where the ray enters. It is transmitted as often with a bend where the ray enters, and then leaves where the straight
-  line along its new direction does, as with a bend where the ray leaves. So a path and its reverse are the same, and the cloth is
+- Light is reflected where the ray enters. Half of what is transmitted bends there, too, and leaves the yarn where its new straight
+  line does. The other half bends where the old straight line leaves. So a path and its reverse are the same, and the cloth is
   reciprocal. Light that meets no fibre goes straight on; its share is the mean of that at both ends.
 - A chord of a round section makes the same angle with the normal at both ends, so no more than the slab's share leaves the yarn. In
   other sections this holds in the mean over chords, which come in mirrored pairs.
@@ -56,10 +56,10 @@ ANALYSIS = """\
 ## What remains
 
 With yarns that nothing passes (*opaque* below) the mean of ours is within {opaque:.1f} % of the plies (RMS over fabrics, views,
-lights and scales); with the fabrics as they are it is {reflected:.1f} % off in reflection and {transmitted:.1f} % in transmission. So the
+lights and scales). With the fabrics as they are it is {reflected:.1f} % off in reflection and {transmitted:.1f} % in transmission. So the
 largest part of the difference is light that passes one yarn and meets the next: the surface lets it out at the back at once, while
-between the plies much of it is sent back to the front. Under a sky from either side reflected and transmitted light together are {sums}: light goes to the
-wrong side rather than being lost.
+between the plies much of it is sent back to the front. Reflected and transmitted light together, under a sky on either side, are
+{sums}.
 """
 
 
@@ -122,4 +122,4 @@ def document(report, busy=""):
     text += "The same yarns with `T` 20, diffuse reflectance .4 and no transmission lobes.\n\n"
     text += "Near:\n\n" + error_table(select(opaque, scale="near")) + "\nFrom afar:\n\n" + error_table(select(opaque, scale="far"))
     text += "\n## Pictures\n\nMeans over views and lights, less the noise of both pictures but for FLIP.\n\n" + picture_table(cells)
-    return text.rstrip("\n") + "\n"
+    return text.replace("\n\n\n", "\n\n").rstrip("\n") + "\n"

@@ -27,11 +27,11 @@ SCALES = {"near": {"pixels": 64, "repeats": 1 / 64}, "far": {"pixels": 16, "repe
 OPAQUE = {"thickness": 20, "diffuse": .4, "diffuse_transmission": 0, "albedo_transmission": 0}
 AZIMUTH = 35          # of the view, from the weft [deg]
 SUN = (.6, .35, math.sqrt(1 - .36 - .1225))   # along weft, along warp, out of the front: 44 degrees from it
-PICTURE = 144         # side of one picture on the sheet [px]
+PICTURE = 112         # side of one picture on the sheet [px]
 DISTANCE = .5         # of the eye [m]: rays are parallel within 2 degrees, and float resolves a thousandth of a yarn
 
 LONG = {"fabrics": tuple(FABRICS), "angles": (0, 45, 75), "samples": 1 << 17, "opaque": True, "picture_spp": 128}
-SHORT = LONG | {"fabrics": ("plain",), "angles": (0, 60), "samples": 1 << 15, "picture_spp": 16}
+SHORT = LONG | {"fabrics": ("plain",), "angles": (0, 60), "samples": 1 << 15, "picture_spp": 48}
 
 
 def say(text):
