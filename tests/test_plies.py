@@ -2,7 +2,8 @@
 show the same cloth, that it meets the surface model where that is exact, and the suite and page made with it. Closed forms, relief,
 reciprocity and furnace are in tests/cpp/plies_test.cpp.
 
-Seen red with the turn of a cylinder's fabric left out, and with a mesh bent to the inside."""
+Seen red with the turn of a cylinder's fabric left out, with a mesh bent to the inside, with objects turned whose plies were not, with
+lamps that camera rays do not see, and with metal taken for matte."""
 import json
 import math
 import os
@@ -66,7 +67,6 @@ def mean(render, tmp_path):
     return run
 
 
-
 @pytest.mark.parametrize("scene, words", [
     (scene_of("sphere", uv=(.2, .1)), "objects.0 (sphere): found a fabric on another shape, plies expect plane or cylinder"),
     (scene_of(size=(-.03, 1, .03)), "found a mirroring scale"),
@@ -122,6 +122,32 @@ def test_plane_cylinder_and_turned_fabrics_show_the_same_cloth(mean):
         assert abs(flat - bent) < 4 * math.hypot(flat_sigma, bent_sigma) + 2e-3 * flat
         seen[turn] = flat
     assert abs(seen[0] / seen[90] - 1) > .1   # warp shows at four to one, and shines along
+
+
+def test_a_turntable_turns_the_plies(render, mean, tmp_path):
+    scene = scene_of(fabric=fabric_of(**OPAQUE))
+    still, still_sigma = mean(scene, "--spp", 64)
+    scene["objects"][0]["rotate"] = [0, 90, 0]
+    turned, turned_sigma = mean(scene, "--spp", 64)
+    del scene["objects"][0]["rotate"]
+    done = render(scene, "--spp", 64, "--turntable", 4, "--frames", "1-1", "--seed", 5)
+    assert done.returncode == 0, done.stderr
+    found, found_sigma = plies.mean_of(tmp_path / "out_0001.exr")
+    assert abs(found - turned) < 4 * math.hypot(found_sigma, turned_sigma)
+    assert abs(found - still) > 8 * math.hypot(found_sigma, still_sigma)
+
+
+def test_what_is_no_cloth_looks_as_beside_the_surface(mean):
+    """A lamp and a ball of metal before a ground, the cloth out of sight."""
+    scene = scene_of(light={"type": "environment", "colour": [.2, .3, .4]}, translate=[2, 0, 0])
+    scene["camera"] |= {"fov": 60}
+    scene["objects"] += [{"shape": "sphere", "scale": .12, "translate": [-.15, 0, 0], "metal": {"roughness": .3}},
+                         {"shape": "sphere", "scale": .04, "translate": [.15, .05, 0], "emission": 3},
+                         {"shape": "plane", "scale": 2, "translate": [0, -.15, 0], "matte": {"albedo": .5}}]
+    truth, truth_sigma = mean(scene, "--spp", 64, "--integrator", "path", "--max-depth", 4, model=())
+    found, found_sigma = mean(scene, "--spp", 64, "--max-depth", 4, "--seed", 1)
+    assert abs(found - truth) < 4 * math.hypot(found_sigma, truth_sigma)
+    assert found_sigma < .01 * found
 
 
 def test_where_nothing_hides_or_passes_the_surface_is_exact(mean):
