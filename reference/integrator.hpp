@@ -81,6 +81,7 @@ int aov_channels(unsigned aovs); // of all layers together
 struct RenderSettings {
     Integrator integrator = Integrator::path;
     int max_depth = 32; // surfaces that scatter along a path, at least 1; direct takes 1
+    bool mis = true;    // lights are looked for by BSDF sampling, too; false: the same mean, more noise
     std::uint32_t seed = 0;
     std::uint32_t block_length = 16; // B of the sampling contract, a power of two
     glm::ivec2 resolution{512, 512};

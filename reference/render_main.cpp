@@ -130,6 +130,7 @@ RenderSettings settings_of(const RenderOptions& options, const Scene& scene)
     RenderSettings settings;
     settings.integrator = options.integrator;
     settings.max_depth = options.max_depth;
+    settings.mis = options.mis;
     settings.seed = options.seed;
     settings.aovs = options.aovs;
     settings.target_error = options.target_error;
@@ -382,6 +383,7 @@ nlohmann::json render_picture(const RenderOptions& options, const Job& job, tbb:
         {"resolution", {settings.resolution.x, settings.resolution.y}},
         {"region", {settings.region.x, settings.region.y, settings.region.z, settings.region.w}},
         {"integrator", metadata["selvedge:integrator"]},
+        {"mis", settings.mis},
         {"geometry", plies ? "plies" : "surface"},
         {"model", model_json(scene.model)},
         {"samples", state.samples * pixels - state.skipped},

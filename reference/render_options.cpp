@@ -100,7 +100,7 @@ std::string aov_help()
 RenderOptions parse_render_options(int argc, char** argv, bool& done)
 {
     RenderOptions options;
-    std::string integrator, geometry = "surface", resolution, region, turn, frames;
+    std::string integrator, mis = "on", geometry = "surface", resolution, region, turn, frames;
     int turntable = 0;
     std::vector<std::string> aovs;
     bool version = false;
@@ -118,6 +118,9 @@ RenderOptions parse_render_options(int argc, char** argv, bool& done)
     app.add_option("--max-depth", options.max_depth,
                    "path: surfaces that scatter along a path, 1 to 1024 (default 32; 1 is direct)")
         ->check(between(1, 1024));
+    app.add_option("--mis", mis,
+                   "on (default): lights with extent are looked for by BSDF sampling, too; off: by light sampling "
+                   "alone, the same mean with more noise");
     options.model.add_to(app);
     app.add_option("--model", geometry,
                    "surface (default), plies: traces the plies themselves, fabrics on planes and cylinders only");
@@ -170,6 +173,8 @@ RenderOptions parse_render_options(int argc, char** argv, bool& done)
         throw UsageError("--model plies: found --mode, --bsdf or --visibility, which are the surface model's");
     options.integrator = Integrator(
         parse_word("--integrator", integrator, {{"direct", int(Integrator::direct)}, {"path", int(Integrator::path)}}));
+    options.mis = parse_word("--mis", mis, {{"off", 0}, {"on", 1}}) == 1;
+    if (options.plies && !options.mis) throw UsageError("--model plies: found --mis off, which is the surface model's");
     options.model.prepend_to(options.overrides);
     if (!resolution.empty()) {
         const std::vector<int> n = parse_integers("--resolution", resolution, 2, "WIDTH,HEIGHT");

@@ -23,6 +23,7 @@ struct RenderOptions {
     double target_error = 0.0; // 0: no limit
     Integrator integrator = Integrator::direct;
     int max_depth = 32;
+    bool mis = true;
     ModelOptions model;
     bool plies = false; // --model plies
     std::uint32_t seed = 0;
