@@ -373,7 +373,7 @@ TEST_CASE("adaptive sampling leaves the mean of every part of the picture where 
         for (int seed = 0; seed < seeds; ++seed) {
             RenderSettings settings = settings_for(scene, Integrator::direct, 1);
             settings.seed = std::uint32_t(seed) + (adaptive ? 100000u : 0u);
-            settings.target_error = adaptive ? 0.01 : 0.0;
+            settings.target_error = adaptive ? 0.005 : 0.0;
             const Renderer renderer(scene, rays, settings);
             RenderState state = renderer.start();
             renderer.add_samples(state, adaptive ? 64 : 16);
