@@ -169,6 +169,11 @@ Geometry knit_geometry(const Fabric& fabric, int resolution)
             }};
 }
 
+Geometry geometry_of(const Fabric& fabric, int resolution)
+{
+    return fabric.knit ? knit_geometry(fabric, resolution) : woven_geometry(fabric, resolution);
+}
+
 } // namespace
 
 std::vector<cloth::f32::ClothYarn> shade_yarns(const Fabric& fabric)
@@ -178,6 +183,12 @@ std::vector<cloth::f32::ClothYarn> shade_yarns(const Fabric& fabric)
     for (const YarnTypes::Type& type : yarn_types(fabric).types)
         out.push_back(shade_yarn(type.warp ? fabric.warp : fabric.weft, type.tint, type.warp ? warp : weft));
     return out;
+}
+
+PlyModel ply_model(const Fabric& fabric)
+{
+    std::vector<std::string> warnings; // the bake has told them
+    return geometry_of(fabric, fabric.resolution).plies(warnings);
 }
 
 namespace
@@ -259,7 +270,7 @@ PackedFabric bake_fabric(const Fabric& fabric, const BakeOptions& options, BakeR
     BakeReport spent;
     const VisibilityKind kind = options.visibility.value_or(fabric.visibility);
     const int resolution = options.resolution > 0 ? options.resolution : fabric.resolution;
-    const Geometry geometry = fabric.knit ? knit_geometry(fabric, resolution) : woven_geometry(fabric, resolution);
+    const Geometry geometry = geometry_of(fabric, resolution);
     PackedFabric packed;
     packed.name = fabric.name;
     packed.size = geometry.size;

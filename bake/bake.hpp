@@ -6,6 +6,7 @@
 
 #include "fabric.hpp"
 #include "pack.hpp"
+#include "ply.hpp"
 
 namespace selvedge
 {
@@ -30,6 +31,10 @@ struct BakeReport {
 // a new kind of it.
 //   throws  InputError: a repeat too large to resolve
 PackedFabric bake_fabric(const Fabric& fabric, const BakeOptions& options = {}, BakeReport* report = nullptr);
+
+// The tubes that the fabric's maps are projections of, at the resolution that its bake takes.
+//   throws  InputError: a repeat too large to resolve
+PlyModel ply_model(const Fabric& fabric);
 
 // The yarn types of a fabric as the shader reads them, in the order of the packed yarn indices; costs microseconds:
 // for live edits of albedo, roughness, thickness, fibre twist. `names` and the count are those of the bake.

@@ -157,6 +157,7 @@ PlyModel wind_plies(glm::vec2 tile_m, const std::vector<YarnPath>& yarns)
             tube.aspect = 1;
             of_width = yarn.aspect;
         }
+        tube.thread = static_cast<int>(&yarn - yarns.data());
         if (yarn.plies == 1) {
             for (const YarnPath::Point& point : yarn.points)
                 tube.points.push_back({point.centre_m, of_width * point.half_width_m});

@@ -47,6 +47,7 @@ struct PlyTube {
     glm::vec2 flat_m{0};
     int yarn = 0; // yarn type
     bool warp = false;
+    int thread = 0;                             // which of the yarns it is a ply of
     std::optional<glm::vec3> before_m, after_m; // the points before the first and after the last; absent: its own
 };
 

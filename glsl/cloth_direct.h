@@ -128,23 +128,26 @@ CLOTH_FN ClothLightChoice cloth_choose_light(CLOTH_IN(ClothLights) lights, real 
     return ClothLightChoice(light, clamp((u - below) / light.pmf, real(0), real(0.99999994)));
 }
 
-// One sample of direct light: one light, one strategy (light or BSDF sampling, one-sample MIS with the balance heuristic,
-// Veach 1997, 9.2.4), at most one shadow ray. lights.count may be 0.
-//   maps  of the fabric that the shading was chosen from; anything where it is matte
-CLOTH_FN ClothDirect cloth_direct(CLOTH_IN(ClothLights) lights, CLOTH_IN(ClothMaps) maps, CLOTH_IN(ClothSurface) surface,
-                                  CLOTH_IN(ClothShading) shading, ClothSettings settings, ClothRandom random)
+// Whether BSDF sampling finds a chosen light with profit, too.
+CLOTH_FN bool cloth_light_has_two_ways(ClothLight light, CLOTH_IN(ClothShading) shading)
+{
+    return cloth_light_wants_bsdf(light, cloth_shading_is_metal(shading));
+}
+
+// One sample of a chosen light by one strategy: light sampling or, where it finds that light, BSDF sampling. The two are
+// weighted by the balance heuristic (Veach 1997, 9.2).
+//   share   how often the strategy is taken: 1 where each of the two is taken and their values added (multi-sample MIS), 1/2
+//           where either is (one-sample MIS, 9.2.4); 0: there is no other
+//   u_lobe  of BSDF sampling
+CLOTH_FN ClothDirect cloth_direct_by(CLOTH_IN(ClothLights) lights, CLOTH_IN(ClothMaps) maps, CLOTH_IN(ClothSurface) surface,
+                                     CLOTH_IN(ClothShading) shading, ClothSettings settings, ClothRandom random,
+                                     CLOTH_IN(ClothLightChoice) choice, bool use_bsdf, real share, real2 u_lobe)
 {
     ClothDirect none = ClothDirect(false, surface.normal_g, cloth_far, real3(real(0)));
-    if (lights.count == 0) return none;
-    real2 u_light           = cloth_draw(random, cloth_dim_light);
-    ClothLightChoice choice = cloth_choose_light(lights, u_light.x);
-    bool both     = cloth_light_wants_bsdf(choice.light, cloth_shading_is_metal(shading));
-    bool use_bsdf = both && choice.u < real(0.5);
-    real2 u_emit  = cloth_draw(random, use_bsdf ? cloth_dim_direction : cloth_dim_subtexel);
-
+    real2 u_emit     = cloth_draw(random, use_bsdf ? cloth_dim_direction : cloth_dim_subtexel);
     ClothLightSample seen;
     if (use_bsdf) {
-        ClothSample s = cloth_shading_sample(shading, surface.wo, settings, real2(u_light.y, choice.u * real(2)), u_emit);
+        ClothSample s = cloth_shading_sample(shading, surface.wo, settings, u_lobe, u_emit);
         if (s.pdf <= real(0)) return none;
         seen = cloth_light_hit(lights, choice.light, surface.position, cloth_to_world(surface.frame, s.wi));
     } else {
@@ -157,8 +160,22 @@ CLOTH_FN ClothDirect cloth_direct(CLOTH_IN(ClothLights) lights, CLOTH_IN(ClothMa
     real3 value = cloth_shading_value(maps, shading, wi, surface.wo, settings) * seen.radiance;
     if (max(value.x, max(value.y, value.z)) <= real(0)) return none;
     real pdf = seen.pdf;
-    if (both) pdf = real(0.5) * (seen.pdf + cloth_shading_pdf(shading, wi, surface.wo, settings));
+    if (share > real(0)) pdf = share * (seen.pdf + cloth_shading_pdf(shading, wi, surface.wo, settings));
     return ClothDirect(true, seen.wi, seen.distance, value / (pdf * choice.light.pmf));
+}
+
+// One sample of direct light: one light, one strategy, at most one shadow ray. lights.count may be 0.
+//   maps  of the fabric that the shading was chosen from; anything where it is matte
+CLOTH_FN ClothDirect cloth_direct(CLOTH_IN(ClothLights) lights, CLOTH_IN(ClothMaps) maps, CLOTH_IN(ClothSurface) surface,
+                                  CLOTH_IN(ClothShading) shading, ClothSettings settings, ClothRandom random)
+{
+    if (lights.count == 0) return ClothDirect(false, surface.normal_g, cloth_far, real3(real(0)));
+    real2 u_light           = cloth_draw(random, cloth_dim_light);
+    ClothLightChoice choice = cloth_choose_light(lights, u_light.x);
+    bool both     = cloth_light_has_two_ways(choice.light, shading);
+    bool use_bsdf = both && choice.u < real(0.5);
+    return cloth_direct_by(lights, maps, surface, shading, settings, random, choice, use_bsdf, both ? real(0.5) : real(0),
+                           real2(u_light.y, choice.u * real(2)));
 }
 
 // Radiance of the environment behind everything, 0 where there is none or it is hidden from the camera.

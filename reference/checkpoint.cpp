@@ -85,12 +85,12 @@ class Reader
 
 std::string checkpoint_owner(const Scene& scene, const RenderSettings& settings)
 {
-    return format_text(
-        "scene %s, %s, max depth %d, seed %u, %d x %d, region %d,%d,%d,%d, aovs %u, target error %.9g, model %s",
-        scene.hash.c_str(), settings.integrator == Integrator::direct ? "direct" : "path", settings.max_depth,
-        settings.seed, settings.resolution.x, settings.resolution.y, settings.region.x, settings.region.y,
-        settings.region.z, settings.region.w, settings.aovs, settings.target_error,
-        model_json(scene.model).dump().c_str());
+    return format_text("scene %s, %s, max depth %d, MIS %d, seed %u, %d x %d, region %d,%d,%d,%d, aovs %u, target "
+                       "error %.9g, model %s",
+                       scene.hash.c_str(), settings.integrator == Integrator::direct ? "direct" : "path",
+                       settings.max_depth, int(settings.mis), settings.seed, settings.resolution.x,
+                       settings.resolution.y, settings.region.x, settings.region.y, settings.region.z,
+                       settings.region.w, settings.aovs, settings.target_error, model_json(scene.model).dump().c_str());
 }
 
 void write_checkpoint(const std::string& path, const std::string& owner, const Checkpoint& checkpoint)

@@ -110,7 +110,7 @@ struct Renderer::Batch {
     f32::ClothRay ray[batch_size];
     Vertex vertex[batch_size];
     bool met[batch_size], through[batch_size]; // through: passed a cloth before
-    glm::vec3 throughput[batch_size], radiance[batch_size], first_light[batch_size];
+    glm::vec3 throughput[batch_size], radiance[batch_size];
 
     std::uint32_t alive_count = 0;
     std::uint32_t alive[batch_size]; // lanes with a vertex, or with a ray to it, in rising order
@@ -121,9 +121,14 @@ struct Renderer::Batch {
     std::uint32_t passed_object[batch_size], passed_triangle[batch_size];
     RayHit hit[batch_size];
 
-    // of add_direct_light
-    std::uint32_t lit[batch_size];
-    f32::ClothDirect light[batch_size];
+    // of add_direct_light: [0] by light sampling, [1] by BSDF sampling
+    struct Lit {
+        std::uint32_t lane;
+        int way;
+    };
+    Lit lit[2 * batch_size];
+    f32::ClothDirect light[2][batch_size];
+    glm::vec3 first_light[2][batch_size];
 
     f32::ClothRandom random(std::uint32_t lane) const { return {seed[lane], index[lane], offset, drawn[lane]}; }
 
@@ -150,9 +155,9 @@ struct Renderer::Batch {
     }
 };
 
-Renderer::Renderer(const Scene& scene, const RayScene& rays, const RenderSettings& settings)
-    : scene_(scene), rays_(rays), settings_(settings), camera_(make_camera(scene.camera, settings.resolution)),
-      lens_(lens_of(scene.camera)), lights_(lights_of(scene))
+Renderer::Renderer(const Scene& scene, const RayScene& rays, const RenderSettings& settings, const PlyScene* plies)
+    : scene_(scene), rays_(rays), plies_(plies), settings_(settings),
+      camera_(make_camera(scene.camera, settings.resolution)), lens_(lens_of(scene.camera)), lights_(lights_of(scene))
 {
     for (const SceneObject& object : scene.objects) {
         maps_.push_back(object.fabric >= 0 ? maps_of(scene.fabrics[std::size_t(object.fabric)]) : f32::ClothMaps{});
@@ -202,7 +207,6 @@ void Renderer::begin(Batch& batch, Counters&) const
         batch.ray[k] = f32::cloth_camera_ray(camera, centre + f32::cloth_filter_offset(scene_.film.filter, u));
         batch.throughput[k] = glm::vec3(1.0f);
         batch.radiance[k] = glm::vec3(0.0f);
-        batch.first_light[k] = glm::vec3(0.0f);
         batch.through[k] = false;
     }
 }
@@ -294,35 +298,51 @@ void Renderer::find_vertices(Batch& batch, bool camera, Counters& counters) cons
     batch.alive_count = alive;
 }
 
-// One sample of direct light at each vertex. The lights' values first, then the shadow rays of those that are not 0.
+// Direct light at each vertex, from one light, by light sampling and, where that finds it too, by BSDF sampling. The
+// lights' values first, then the shadow rays of those that are not 0.
 void Renderer::add_direct_light(Batch& batch, Counters& counters) const
 {
+    for (std::uint32_t k = 0; k < batch.alive_count; ++k)
+        for (auto& light : batch.light) light[batch.alive[k]].any = false;
+    if (lights_.count == 0) {
+        counters.rays_saved += batch.alive_count;
+        return;
+    }
     // Lights without extent are not sampled.
     if (delta_lights_)
         batch.draw_alive({f32::cloth_dim_light});
     else
-        batch.draw_alive(
-            {f32::cloth_dim_light, f32::cloth_dim_emitter, f32::cloth_dim_subtexel, f32::cloth_dim_direction});
+        batch.draw_alive({f32::cloth_dim_light, f32::cloth_dim_emitter, f32::cloth_dim_subtexel, f32::cloth_dim_lobe,
+                          f32::cloth_dim_direction});
     std::uint32_t lit = 0;
     for (std::uint32_t k = 0; k < batch.alive_count; ++k) {
         const std::uint32_t lane = batch.alive[k];
         const Vertex& vertex = batch.vertex[lane];
-        batch.light[lane] = f32::cloth_direct(lights_, maps_[vertex.object], vertex.surface, vertex.shading,
-                                              scene_.model.settings, batch.random(lane));
-        if (batch.light[lane].any)
-            batch.lit[lit++] = lane;
-        else
-            ++counters.rays_saved;
+        const f32::ClothRandom random = batch.random(lane);
+        const f32::ClothLightChoice choice =
+            f32::cloth_choose_light(lights_, f32::cloth_draw(random, f32::cloth_dim_light).x);
+        const int ways = settings_.mis && f32::cloth_light_has_two_ways(choice.light, vertex.shading) ? 2 : 1;
+        const glm::vec2 u_lobe = ways == 2 ? f32::cloth_draw(random, f32::cloth_dim_lobe) : glm::vec2(0.0f);
+        for (int way = 0; way < ways; ++way) {
+            f32::ClothDirect& light = batch.light[way][lane];
+            light =
+                f32::cloth_direct_by(lights_, maps_[vertex.object], vertex.surface, vertex.shading,
+                                     scene_.model.settings, random, choice, way == 1, ways == 2 ? 1.0f : 0.0f, u_lobe);
+            if (light.any)
+                batch.lit[lit++] = {lane, way};
+            else
+                ++counters.rays_saved;
+        }
     }
     for (std::uint32_t k = 0; k < lit; ++k) {
-        const std::uint32_t lane = batch.lit[k];
+        const auto [lane, way] = batch.lit[k];
         const f32::ClothSurface& surface = batch.vertex[lane].surface;
-        const f32::ClothDirect& light = batch.light[lane];
+        const f32::ClothDirect& light = batch.light[way][lane];
         const glm::vec3 normal = glm::dot(light.wi, surface.normal_g) > 0.0f ? surface.normal_g : -surface.normal_g;
         const glm::vec3 origin = f32::cloth_leave(surface.position, normal);
         const glm::vec3 value =
             light.value * rays_.transmittance(origin, light.wi, light.distance * (1.0f - 1e-4f), scene_.model.settings);
-        batch.first_light[lane] = value; // read after the first vertex only
+        batch.first_light[way][lane] = value; // read after the first vertex only
         batch.radiance[lane] += batch.throughput[lane] * value;
     }
     counters.shadow_rays += lit;
@@ -421,27 +441,64 @@ void Renderer::add_first_aovs(Batch& batch, std::uint32_t lane, RenderState& sta
                 maps_[first.object], reflected ? shading.selection.side : 1 - shading.selection.side,
                 shading.selection.spot, reflected ? wi : f32::cloth_mirror(wi), scene_.model.settings));
     }
-    if (!(settings_.aovs & aov_terms) || batch.through[lane] || !batch.light[lane].any) return;
-    if (shading.matte) {
-        add_term(state, batch.pixel[lane], aov_index_matte, batch.first_light[lane]);
-        return;
+    if (!(settings_.aovs & aov_terms) || batch.through[lane]) return;
+    for (int way = 0; way < 2; ++way) {
+        if (!batch.light[way][lane].any) continue;
+        const glm::vec3 light = batch.first_light[way][lane];
+        if (shading.matte) {
+            add_term(state, batch.pixel[lane], aov_index_matte, light);
+            continue;
+        }
+        const glm::vec3 wi = f32::cloth_to_local(first.surface.frame, batch.light[way][lane].wi);
+        const auto value = [&](const f32::ClothShading& lobes) {
+            return f32::cloth_shading_value(maps_[first.object], lobes, wi, first.surface.wo, scene_.model.settings);
+        };
+        const glm::vec3 whole = value(shading);
+        for (const AovIndex term : lobe_terms) {
+            if (aov_start_[term] < 0) continue;
+            glm::vec3 share = value(only_lobe(shading, term));
+            for (int c = 0; c < 3; ++c) share[c] = whole[c] > 0.0f ? share[c] / whole[c] : 0.0f;
+            add_term(state, batch.pixel[lane], term, light * share);
+        }
     }
-    const glm::vec3 wi = f32::cloth_to_local(first.surface.frame, batch.light[lane].wi);
-    const auto value = [&](const f32::ClothShading& lobes) {
-        return f32::cloth_shading_value(maps_[first.object], lobes, wi, first.surface.wo, scene_.model.settings);
-    };
-    const glm::vec3 whole = value(shading);
-    for (const AovIndex term : lobe_terms) {
-        if (aov_start_[term] < 0) continue;
-        glm::vec3 share = value(only_lobe(shading, term));
-        for (int c = 0; c < 3; ++c) share[c] = whole[c] > 0.0f ? share[c] / whole[c] : 0.0f;
-        add_term(state, batch.pixel[lane], term, batch.first_light[lane] * share);
+}
+
+// The same among the plies, lane by lane.
+void Renderer::trace_plies(Batch& batch, RenderState& state, Counters& counters) const
+{
+    begin(batch, counters);
+    const int depth = settings_.integrator == Integrator::direct ? 1 : settings_.max_depth;
+    PlyCounters spent;
+    PlyVertex first;
+    for (std::uint32_t lane = 0; lane < batch.count; ++lane) {
+        PixelSums& sums = state.pixels[batch.pixel[lane]];
+        bool hit = false;
+        const glm::vec3 radiance =
+            plies_->radiance(batch.ray[lane], {batch.seed[lane], batch.index[lane], 0}, depth, spent, first, hit);
+        if (hit && aov_channels_ > 0) {
+            batch.vertex[lane] = {first.object, 0, first.distance, first.surface, first.shading};
+            for (auto& light : batch.light) light[lane].any = false;
+            add_first_aovs(batch, lane, state);
+        }
+        sums.hits += hit ? 1.0 : 0.0;
+        if (is_good(radiance))
+            sums.block += glm::dvec3(radiance);
+        else
+            ++counters.bad_samples;
+        if (batch.index[lane] + 1 == settings_.block_length) sums.finish_block(batch.block[lane]);
     }
+    counters.rays += spent.rays;
+    counters.shadow_rays += spent.shadow_rays;
+    counters.rays_saved += spent.rays_saved;
 }
 
 // All samples of the batch, into the sums of their pixels in the order of the lanes.
 void Renderer::trace(Batch& batch, RenderState& state, Counters& counters) const
 {
+    if (plies_) {
+        trace_plies(batch, state, counters);
+        return;
+    }
     begin(batch, counters);
     find_vertices(batch, true, counters);
     add_direct_light(batch, counters);

@@ -8,6 +8,7 @@
 #include <vector>
 
 #include "reference/film.hpp"
+#include "reference/plies.hpp"
 #include "reference/rays.hpp"
 #include "reference/scene.hpp"
 
@@ -80,6 +81,7 @@ int aov_channels(unsigned aovs); // of all layers together
 struct RenderSettings {
     Integrator integrator = Integrator::path;
     int max_depth = 32; // surfaces that scatter along a path, at least 1; direct takes 1
+    bool mis = true;    // lights are looked for by BSDF sampling, too; false: the same mean, more noise
     std::uint32_t seed = 0;
     std::uint32_t block_length = 16; // B of the sampling contract, a power of two
     glm::ivec2 resolution{512, 512};
@@ -128,7 +130,8 @@ struct RenderState {
 class Renderer
 {
   public:
-    Renderer(const Scene& scene, const RayScene& rays, const RenderSettings& settings);
+    //   plies  absent: the surface model; else paths are among the plies themselves
+    Renderer(const Scene& scene, const RayScene& rays, const RenderSettings& settings, const PlyScene* plies = nullptr);
 
     const RenderSettings& settings() const { return settings_; }
     RenderState start() const; // no samples yet
@@ -148,6 +151,7 @@ class Renderer
     void add_direct_light(Batch& batch, Counters& counters) const;
     void bounce(Batch& batch, int depth) const;
     void trace(Batch& batch, RenderState& state, Counters& counters) const;
+    void trace_plies(Batch& batch, RenderState& state, Counters& counters) const;
     void add_first_aovs(Batch& batch, std::uint32_t lane, RenderState& state) const;
     void add_term(RenderState& state, std::uint32_t pixel, AovIndex term, glm::vec3 value) const;
     void judge(RenderState& state) const;
@@ -156,6 +160,7 @@ class Renderer
 
     const Scene& scene_;
     const RayScene& rays_;
+    const PlyScene* plies_;
     RenderSettings settings_;
     cloth::f32::ClothCamera camera_;
     cloth::f32::ClothLens lens_;

@@ -40,6 +40,7 @@ struct ModelOptions {
         app.add_option("--bsdf", bsdf, "meso (default), micro (the ply-level baseline without shadowing and masking)");
         app.add_option("--visibility", visibility, "horizon8 (default), horizon16, cap, asg, asg-lsq, exact, none");
     }
+    bool says_anything() const { return !mode.empty() || !bsdf.empty() || !visibility.empty(); }
     void prepend_to(Overrides& overrides) const; // throws UsageError for an unknown word
 };
 

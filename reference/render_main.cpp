@@ -23,6 +23,7 @@
 #include "reference/film.hpp"
 #include "reference/integrator.hpp"
 #include "reference/model.hpp"
+#include "reference/plies.hpp"
 #include "reference/rays.hpp"
 #include "reference/render_options.hpp"
 #include "reference/scene.hpp"
@@ -129,6 +130,7 @@ RenderSettings settings_of(const RenderOptions& options, const Scene& scene)
     RenderSettings settings;
     settings.integrator = options.integrator;
     settings.max_depth = options.max_depth;
+    settings.mis = options.mis;
     settings.seed = options.seed;
     settings.aovs = options.aovs;
     settings.target_error = options.target_error;
@@ -142,15 +144,21 @@ RenderSettings settings_of(const RenderOptions& options, const Scene& scene)
     return settings;
 }
 
+// Whose samples they are: those of one geometry do not go on with those of the other.
+std::string owner_text(const RenderOptions& options, const Scene& scene, const RenderSettings& settings)
+{
+    return checkpoint_owner(scene, settings) + (options.plies ? ", plies" : "");
+}
+
 // Blocks are as long as the number of samples allows, at least 16 of them. Where only the time is known, the first
 // sample tells how many fit; where only the error is known, 16 samples a block.
 void choose_blocks(Outcome& outcome, const RenderOptions& options, const Scene& scene, const RayScene& rays,
-                   RenderSettings settings)
+                   const PlyScene* plies, RenderSettings settings)
 {
     std::uint64_t planned = options.samples;
     if (options.time_s > 0.0) {
         settings.block_length = 64;
-        outcome.renderer = std::make_unique<Renderer>(scene, rays, settings);
+        outcome.renderer = std::make_unique<Renderer>(scene, rays, settings, plies);
         outcome.state = outcome.renderer->start();
         const auto start = Clock::now();
         outcome.renderer->add_samples(outcome.state, 1);
@@ -161,30 +169,30 @@ void choose_blocks(Outcome& outcome, const RenderOptions& options, const Scene& 
     // Decisions of adaptive sampling are taken between pairs of blocks: short ones waste the least.
     if (options.target_error > 0.0) planned = std::min<std::uint64_t>(planned > 0 ? planned : 64, 64);
     settings.block_length = f32::cloth_block_length(std::uint32_t(planned));
-    outcome.renderer = std::make_unique<Renderer>(scene, rays, settings);
+    outcome.renderer = std::make_unique<Renderer>(scene, rays, settings, plies);
     if (outcome.state.samples == 0) outcome.state = outcome.renderer->start();
     if (outcome.state.samples == settings.block_length)
         for (PixelSums& sums : outcome.state.pixels) sums.finish_block(0);
 }
 
 void render(Outcome& outcome, const RenderOptions& options, const Job& job, const Scene& scene, const RayScene& rays,
-            const std::string& checkpoint_path)
+            const PlyScene* plies, const std::string& checkpoint_path)
 {
     RenderSettings settings = settings_of(options, scene);
-    const std::string owner = checkpoint_owner(scene, settings);
+    const std::string owner = owner_text(options, scene, settings);
     const auto start = Clock::now();
     std::optional<Checkpoint> checkpoint;
     if (options.resume) checkpoint = read_checkpoint(checkpoint_path, owner);
     if (checkpoint) {
         settings.block_length = checkpoint->block_length;
-        outcome.renderer = std::make_unique<Renderer>(scene, rays, settings);
+        outcome.renderer = std::make_unique<Renderer>(scene, rays, settings, plies);
         outcome.state = std::move(checkpoint->state);
         outcome.resumed_seconds = checkpoint->seconds;
         outcome.resumed_samples = outcome.state.samples;
         outcome.resumed_samples_mean =
             double(outcome.state.samples) - double(outcome.state.skipped) / double(outcome.state.pixels.size());
     } else {
-        choose_blocks(outcome, options, scene, rays, settings);
+        choose_blocks(outcome, options, scene, rays, plies, settings);
     }
 
     const Renderer& renderer = *outcome.renderer;
@@ -279,9 +287,9 @@ std::string number_text(double value)
 // What a picture holds when it is complete: in its header, so that --resume knows it again.
 std::string work_text(const RenderOptions& options, const Scene& scene, const RenderSettings& settings)
 {
-    return checkpoint_owner(scene, settings) + format_text(", %llu spp, %.9g s, error %.9g",
-                                                           static_cast<unsigned long long>(options.samples),
-                                                           options.time_s, options.target_error);
+    return owner_text(options, scene, settings) + format_text(", %llu spp, %.9g s, error %.9g",
+                                                              static_cast<unsigned long long>(options.samples),
+                                                              options.time_s, options.target_error);
 }
 
 bool is_complete(const std::vector<std::string>& outputs, const std::string& work)
@@ -313,6 +321,11 @@ nlohmann::json render_picture(const RenderOptions& options, const Job& job, tbb:
 
     const auto build_start = Clock::now();
     const RayScene rays(scene);
+    const std::unique_ptr<PlyScene> plies =
+        options.plies ? std::make_unique<PlyScene>(scene, ply_models(scene)) : nullptr;
+    if (plies && !options.quiet)
+        for (const std::string& warning : plies->warnings())
+            std::fprintf(stderr, "%s: warning: %s\n", render_program, warning.c_str());
     const double build_seconds = seconds_since(build_start);
 
     if (interrupted) return {};
@@ -320,7 +333,7 @@ nlohmann::json render_picture(const RenderOptions& options, const Job& job, tbb:
     std::signal(SIGTERM, on_signal);
     const std::string checkpoint_path = job.outputs.front() + ".checkpoint";
     Outcome outcome;
-    arena.execute([&] { render(outcome, options, job, scene, rays, checkpoint_path); });
+    arena.execute([&] { render(outcome, options, job, scene, rays, plies.get(), checkpoint_path); });
     const bool complete = std::strcmp(outcome.stopped_by, "signal") != 0;
 
     const RenderState& state = outcome.state;
@@ -333,6 +346,7 @@ nlohmann::json render_picture(const RenderOptions& options, const Job& job, tbb:
     metadata["selvedge:samples"] = std::to_string(state.samples);
     metadata["selvedge:seconds"] = number_text(outcome.seconds);
     metadata["selvedge:integrator"] = settings.integrator == Integrator::direct ? "direct" : "path";
+    if (plies) metadata["selvedge:geometry"] = "plies";
     metadata["selvedge:block_length"] = std::to_string(settings.block_length);
     if (complete) metadata["selvedge:work"] = work;
     for (const std::string& path : job.outputs) write_result(path, result, scene.film.exposure, metadata);
@@ -369,6 +383,8 @@ nlohmann::json render_picture(const RenderOptions& options, const Job& job, tbb:
         {"resolution", {settings.resolution.x, settings.resolution.y}},
         {"region", {settings.region.x, settings.region.y, settings.region.z, settings.region.w}},
         {"integrator", metadata["selvedge:integrator"]},
+        {"mis", settings.mis},
+        {"geometry", plies ? "plies" : "surface"},
         {"model", model_json(scene.model)},
         {"samples", state.samples * pixels - state.skipped},
         {"spp_mean", spp_mean},
@@ -381,7 +397,8 @@ nlohmann::json render_picture(const RenderOptions& options, const Job& job, tbb:
         {"stopped_by", outcome.stopped_by},
         {"resumed_samples", outcome.resumed_samples},
         {"threads", threads},
-        {"triangles", rays.needs().triangles},
+        {"triangles", plies ? plies->triangles() : rays.needs().triangles},
+        {"instances", plies ? plies->instances() : 0},
         {"peak_rss_bytes", std::uint64_t(usage.ru_maxrss) * 1024},
         {"skipped", skipped_json(scene, rays, outcome)},
         {"warnings", scene.warnings},

@@ -100,7 +100,7 @@ std::string aov_help()
 RenderOptions parse_render_options(int argc, char** argv, bool& done)
 {
     RenderOptions options;
-    std::string integrator = "direct", resolution, region, turn, frames;
+    std::string integrator, mis = "on", geometry = "surface", resolution, region, turn, frames;
     int turntable = 0;
     std::vector<std::string> aovs;
     bool version = false;
@@ -114,11 +114,16 @@ RenderOptions parse_render_options(int argc, char** argv, bool& done)
     app.add_option("--target-error", options.target_error,
                    "stop about this estimated relMSE; samples go where they lower it most")
         ->check(between(1e-12, 1e6));
-    app.add_option("--integrator", integrator, "direct (default), path");
+    app.add_option("--integrator", integrator, "direct (default), path (default of --model plies)");
     app.add_option("--max-depth", options.max_depth,
                    "path: surfaces that scatter along a path, 1 to 1024 (default 32; 1 is direct)")
         ->check(between(1, 1024));
+    app.add_option("--mis", mis,
+                   "on (default): lights with extent are looked for by BSDF sampling, too; off: by light sampling "
+                   "alone, the same mean with more noise");
     options.model.add_to(app);
+    app.add_option("--model", geometry,
+                   "surface (default), plies: traces the plies themselves, fabrics on planes and cylinders only");
     app.add_option("--seed", options.seed, "of all random numbers (default 0)")->check(between(0, 4294967295.0));
     app.add_option("--threads", options.threads, "threads (default: all cores)")->check(between(1, 1024));
     app.add_option("--resolution", resolution, "WIDTH,HEIGHT instead of the scene's");
@@ -162,8 +167,14 @@ RenderOptions parse_render_options(int argc, char** argv, bool& done)
     }
     if (options.scene.empty()) throw UsageError("no scene, expected SCENE.json");
     if (options.outputs.empty()) throw UsageError("no -o, expected OUT.exr or OUT.png");
+    options.plies = parse_word("--model", geometry, {{"surface", 0}, {"plies", 1}}) == 1;
+    if (integrator.empty()) integrator = options.plies ? "path" : "direct";
+    if (options.plies && options.model.says_anything())
+        throw UsageError("--model plies: found --mode, --bsdf or --visibility, which are the surface model's");
     options.integrator = Integrator(
         parse_word("--integrator", integrator, {{"direct", int(Integrator::direct)}, {"path", int(Integrator::path)}}));
+    options.mis = parse_word("--mis", mis, {{"off", 0}, {"on", 1}}) == 1;
+    if (options.plies && !options.mis) throw UsageError("--model plies: found --mis off, which is the surface model's");
     options.model.prepend_to(options.overrides);
     if (!resolution.empty()) {
         const std::vector<int> n = parse_integers("--resolution", resolution, 2, "WIDTH,HEIGHT");
@@ -176,6 +187,9 @@ RenderOptions parse_render_options(int argc, char** argv, bool& done)
         options.region = {n[0], n[1], n[2], n[3]};
     }
     options.aovs = parse_aovs(aovs);
+    if (options.plies && options.aovs & (aov_terms | aov_visibility))
+        throw UsageError("--model plies: found a layer of the surface model in --aov, expected albedo, normal, depth, "
+                         "uv, object, fabric or yarn");
     options.sequence = parse_sequence(turntable, turn, frames, options.overrides);
     for (const std::string& path : options.outputs) check_result_path(path);
     if (options.samples == 0 && options.time_s == 0.0 && options.target_error == 0.0) options.samples = default_samples;

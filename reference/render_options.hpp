@@ -23,7 +23,9 @@ struct RenderOptions {
     double target_error = 0.0; // 0: no limit
     Integrator integrator = Integrator::direct;
     int max_depth = 32;
+    bool mis = true;
     ModelOptions model;
+    bool plies = false; // --model plies
     std::uint32_t seed = 0;
     int threads = 0;             // 0: all
     glm::ivec2 resolution{0, 0}; // 0: the scene's

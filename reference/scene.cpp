@@ -427,6 +427,9 @@ SceneObject read_object(const JsonValue& value, const Overrides& fabric_override
     }
     if (value.has("emission")) object.emission = value["emission"].number_or_vector3(0.0, bright_limit);
     const glm::dmat4 to_world = read_transform(value);
+    object.shape = shape;
+    object.to_world = to_world;
+    object.tiles_from_uv = tiles_from_uv;
     // A fabric on one huge triangle would have no digits left for the place inside its repeat (math.md 10, hazard 16).
     const int divisions = object.fabric >= 0 ? 32 : 1;
     const SourceMesh source = shape.empty() ? load_mesh(value["mesh"].file(), object.fabric >= 0, scene.warnings)
@@ -560,6 +563,9 @@ void turn_scene(Scene& scene, Turned what, double degrees)
         if (what == (object.light >= 0 ? Turned::lights : Turned::objects)) {
             for (glm::vec3& p : object.mesh.positions) turn_point(p);
             for (glm::vec3& n : object.mesh.normals) turn_vector(n);
+            for (int column = 0; column < 3; ++column)
+                object.to_world[column] = glm::dvec4(turn * glm::dvec3(object.to_world[column]), 0.0);
+            object.to_world[3] = glm::dvec4(centre + turn * (glm::dvec3(object.to_world[3]) - centre), 1.0);
         }
     if (what == Turned::lights) {
         for (f32::ClothLight& light : scene.lights) {

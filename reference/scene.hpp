@@ -32,6 +32,10 @@ struct SceneObject {
     float roughness = 0.0f;   // of metal: alpha of GGX; 0: matte
     glm::vec3 emission{0.0f}; // radiance of the front, as the file says; in `lights` if there is any
     int light = -1;           // index into Scene::lights; -1: does not shine
+    // How the mesh came about, for who puts other geometry in its place (plies.hpp).
+    std::string shape; // built-in shape, or empty
+    glm::dmat4 to_world{1.0};
+    glm::dmat2 tiles_from_uv{0.0}; // from UV to repeats of the fabric
 };
 
 struct Environment {

@@ -12,6 +12,7 @@ import sys
 import time
 
 import ingredient_tables
+import plies_tables
 
 ROOT = pathlib.Path(__file__).resolve().parents[1]
 BIN = pathlib.Path(os.environ.get("SELVEDGE_BIN", ROOT / "build" / "bin"))
@@ -62,10 +63,10 @@ def run_program(program, *arguments, allowed=(0,), timeout=1800):
     return json.loads(done.stdout)
 
 
-def write(suite, figures, curves, *, out, load, gl="", axes=("", ""), groups=None, **more):
+def write(suite, figures, curves, *, out, load, gl="", axes=("", ""), own_axes=None, groups=None, **more):
     """Writes OUT/SUITE.json whole or not at all, one SVG for each curve and one for each group, and prints the table.
 
-    curves  {name: [[x, y, low, high], ...]}; axes: their labels, both logarithmic
+    curves  {name: [[x, y, low, high], ...]}; axes: their labels, both logarithmic; own_axes: {plot name: labels} of those that have others
     load    other_load() before the suite's first measurement
     groups  {plot name: [curve name, ...]}: curves that belong on one sheet
     more    further fields of the report"""
@@ -75,7 +76,7 @@ def write(suite, figures, curves, *, out, load, gl="", axes=("", ""), groups=Non
     out = pathlib.Path(out)
     out.mkdir(parents=True, exist_ok=True)
     for name, members in ({name: [name] for name in curves} | (groups or {})).items():
-        draw(out / f"{suite}-{name}.svg", {member: curves[member] for member in members}, axes, name)
+        draw(out / f"{suite}-{name}.svg", {member: curves[member] for member in members}, (own_axes or {}).get(name, axes), name)
     beside = out / f"{suite}.json.tmp"
     beside.write_text(json.dumps(report, indent=1) + "\n")
     beside.replace(out / f"{suite}.json")
@@ -172,21 +173,28 @@ the cache. Stages are the program's own `seconds`, both sides together: *maps* p
 integrates the sky over them, *normals* packs texels and slope mips; *total* holds the yarns' tables as well. The sweep is set against brute
 force, one march for each block and azimuth, in the same run; of many blocks every so many rows are marched, and the seconds scaled.
 Accuracy is the RMS of V against exact rays over texels, both sides, and directions uniform in solid angle; `none` is V = 1.""",
+    "reference": """\
+`samples_over_raw_embree`: time of the same rays one by one in bare Embree, a camera ray a sample and as many shadow rays as the integrator
+traced, over the time of the integrator's sample (`direct`, one light sample), on one thread, in one process, in turn; the bare tree is of
+high quality and without filters. `meso_over_micro` and `speedup_2_threads` are ratios of rendering seconds of runs in turn.
+`bytes_per_triangle` is resident memory of mesh and tree. `adaptive_efficiency` compares sampling by `--target-error` with uniform sampling.
+
+`efficiency_over_mitsuba`: 1/(relMSE × seconds) of the reference over that of Mitsuba 3 (`llvm_ad_rgb`, `path`), on scenes that both render: same
+meshes, resolution and depth, two threads each, seconds of rendering alone. The figure is over Mitsuba with the sampler that suits it best here,
+`multijitter`; the note adds the ratio over its default, `independent`. relMSE is against a long render by the reference, less that render's own
+noise. `cloth_drape` is the ply-level model (`--bsdf micro`), in Mitsuba a Python plugin of the tests. That both renderers have the same expected
+pictures is tested in `tests/test_mitsuba.py`.""",
     "ingredients": """\
 What each ingredient of the model gains and costs; the tables and how they were measured are in [ingredients.md](ingredients.md). Here are the
 worst fabrics' figures: accuracy of visibility against exact rays; error of the effective reflectance of close-ups at 75 degrees
 against path tracing of the relief, all bounces for our mode, the first for the paper's; and time a sample over that of `micro`.""",
-    "mitsuba-3": """\
-Efficiency, 1/(relMSE × seconds), of the reference over that of Mitsuba 3 (`llvm_ad_rgb`, `path`), on scenes that both render: same meshes,
-resolution and depth, two threads each, seconds of rendering alone. The figure is over Mitsuba with the sampler that suits it best here,
-`multijitter`; the note adds the ratio over its default, `independent`. relMSE is against a long render by the reference, less that render's own
-noise. `cloth_drape` is the ply-level model (`--bsdf micro`), in Mitsuba a Python plugin of the tests. That both renderers have the same expected
-pictures is tested in `tests/test_mitsuba.py`.""",
     "preview": """\
 What the preview costs and saves, with software OpenGL unless the line above names a card. A frame is one sample of every pixel.
 *specialised_over_general*: time of the program that the scene needs over that of the one that can do everything (`--keep all`), which draws
 the same bits. *gain*: time with a part done in vain over time without it. *off_over_stripped*: a scene that needs nothing against a shader
 written by hand for it (`tests/bench/stripped_shade.frag`). *max_bias*, *max_z_outliers*: against the reference, worst channel and scene.""",
+    "plies": """\
+How far the surface model is from path tracing of the plies themselves; the tables and what they mean are in [plies.md](plies.md).""",
     "stability": """\
 Every shared function on inputs that hunt trouble; errors by function, and what the figures mean, are in [stability.md](stability.md).""",
 }
@@ -268,6 +276,9 @@ def main():
     for report in reports:
         if report["suite"] == "ingredients":
             (options.document.parent / "ingredients.md").write_text(ingredient_tables.document(report, busy(report)))
+        if report["suite"] == "plies":
+            (options.document.parent / "plies.md").write_text(plies_tables.document(report, busy(report)))
+            (options.document.parent / "plies.png").write_bytes((options.out / "plies.png").read_bytes())
         if report["suite"] == "stability":
             (options.document.parent / "stability.md").write_text(stability_document(report))
     print(f"{options.document}: {', '.join(report['suite'] for report in reports)}")

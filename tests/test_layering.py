@@ -54,7 +54,7 @@ def test_preview_and_reference_do_not_see_each_others_renderers():
 
 
 DOORS = {
-    r"embree|rtcore": {"reference/rays.cpp"},
+    r"embree|rtcore": {"reference/rays.cpp", "reference/rays_plies.cpp"},
     r"OpenImageIO/(?!oiioversion)": {"bake/image.cpp", "bake/display.cpp"},
     r"assimp/": {"reference/mesh.cpp"},
     r"imgui": {"app/"},

@@ -1,8 +1,8 @@
 """Lights, lens and metal against closed forms, through both programs; tests/cpp/integrator_test.cpp has the other kinds of lights.
 
 A picture's own variance tells noise from bias: means are held to 4.5 sigma of themselves, one chance in 100,000, with fixed seeds.
-Seen red with emitters that shine from both sides, with a triangle's area taken for its light's and with Smith's masking left out of
-the metal."""
+Seen red with emitters that shine from both sides, with a triangle's area taken for its light's, with Smith's masking left out of
+the metal, and with the two strategies of MIS added without the one's density in the other's weight."""
 import json
 import pathlib
 import subprocess
@@ -164,6 +164,40 @@ def test_light_and_bsdf_sampling_find_the_same_light_in_a_glossy_floor(program, 
         found.append(mean(render(program, tmp_path, scene, "direct", 512)[0]))
     (one, sigma_one), (two, sigma_two) = found
     assert max(sigma_one, sigma_two) < 0.01 * one and abs(one - two) < SIGMAS * np.hypot(sigma_one, sigma_two), found
+
+
+TWO_WAYS = {
+    "sky": {"type": "environment", "image": str(ROOT / "assets" / "lights" / "sky.exr")},
+    "area": {"type": "area", "position": [0.5, 1.2, 0.8], "target": [0, 0.2, 0], "size": [0.8, 1.2], "radiance": [6, 5, 4]},
+    "lamp": {"shape": "plane", "rotate": [150, 0, 20], "translate": [0.3, 1.2, 0.4], "emission": [6, 5, 4]},
+}
+
+
+@pytest.mark.parametrize("how", ["direct", "path"])
+@pytest.mark.parametrize("light", TWO_WAYS)
+def test_mis_on_and_off_have_the_same_mean(program, tmp_path, light, how):
+    """Pixel by pixel, on matte, cloth, and metal whose lobe light sampling still finds."""
+    cloth = {"shape": "sphere", "scale": 0.3, "translate": [-0.35, 0.3, 0], "fabric": str(ROOT / "assets" / "fabrics" / "satin.json"),
+             "uv_scale": [0.2, 0.1]}
+    metal = {"shape": "sphere", "scale": 0.3, "translate": [0.35, 0.3, 0], "metal": {"colour": 0.8, "roughness": 0.4}}
+    shines = "emission" in TWO_WAYS[light]
+    scene = {"camera": {"position": [0, 0.9, 2], "target": [0, 0.2, 0], "fov": 38}, "lights": [] if shines else [TWO_WAYS[light]],
+             "objects": [{"shape": "plane", "scale": 3, "matte": {"albedo": 0.5}}, cloth, metal, *([TWO_WAYS[light]] if shines else [])]}
+    pictures, sigmas, shadow_rays = [], [], []
+    for seed, mis in enumerate(("on", "off")):
+        channels, report = render(program, tmp_path, scene, how, 256, 48, "--mis", mis, "--seed", str(seed))
+        assert report["mis"] is (mis == "on") and report["bad_samples"] == 0
+        (tmp_path / "out.exr").rename(tmp_path / f"{mis}.exr")
+        pictures.append([mean(channels, name)[0] for name in "RGB"])
+        sigmas.append([mean(channels, name)[1] for name in "RGB"])
+        shadow_rays.append(report["shadow_rays"])
+    (on, off), sigma = np.array(pictures), np.hypot(*sigmas)
+    assert (np.abs(on - off) < SIGMAS * sigma).all() and (sigma < 0.01 * on).all(), (on, off, sigma)
+    done = subprocess.run([str(program("compare")), str(tmp_path / "on.exr"), str(tmp_path / "off.exr"), "--json", "--fail", "max_abs=inf"],
+                          capture_output=True, text=True)
+    found = json.loads(done.stdout)
+    assert found["z_outliers"] < 0.01 and 0.8 < found["z_std"] < 1.2, found
+    assert shadow_rays[0] > 1.01 * shadow_rays[1]
 
 
 # ---- fabrics ------------------------------------------------------------------------------------------------------------------

@@ -1,6 +1,6 @@
 // tests/cpp/relief_truth.hpp: light on a height field, exactly: float64 rays against every bilinear patch they cross,
 // its own normals, path tracing over all bounces. Shares no march, no visibility and no sampling with glsl/: the
-// yardstick of selvedge-ingredients, which alone includes it.
+// yardstick of selvedge-ingredients and of plies_test.cpp, which include it.
 #pragma once
 
 #include <algorithm>
