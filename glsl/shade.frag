@@ -77,7 +77,10 @@ void main()
         }
 #endif
 #ifdef MATTE
-        if (object.matte) shading = cloth_shade_plain(object.albedo, object.roughness);
+#ifdef FABRIC
+        if (object.matte)
+#endif
+        shading = cloth_shade_plain(object.albedo, object.roughness);
 #endif
         sum += direct_light(object.maps, surface, shading, random);
     }

@@ -1,7 +1,7 @@
 """The preview's pictures of our scenes against golden ones, noise told from change by the variance of both. On failure a picture of the
 difference lies in out/golden/.
 
-Seen red with the exposure of the sun halved, and with one texel's worth of offset in the maps."""
+Seen red with the light of a sun halved, and with the horizons of the other side."""
 import json
 import subprocess
 
