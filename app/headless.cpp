@@ -4,6 +4,7 @@
 #include <csignal>
 #include <cstdio>
 #include <deque>
+#include <stdexcept>
 
 #include <nlohmann/json.hpp>
 #include <sys/resource.h>
@@ -91,6 +92,7 @@ const char* draw_frames(Preview& preview, const LookdevOptions& options, Pace& p
     while (!interrupted) {
         preview.draw_frame();
         pace.frame_drawn();
+        if (context_lost()) throw std::runtime_error("the GL driver has lost the context; no picture is written");
         const std::uint32_t frames = preview.frames();
         const double seconds = seconds_since(start);
         // Only now is it known how many frames a time is worth. The first one has compiled the shaders and does not

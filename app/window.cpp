@@ -53,8 +53,15 @@ class GlfwLibrary
 
 GLFWwindow* open_window(glm::ivec2 size, const std::string& title)
 {
-    for (const auto& [major, minor] : {std::pair{4, 5}, {4, 3}, {4, 1}}) {
+    struct Wish {
+        int major, minor, robustness;
+    };
+    // A driver that can tell that it has lost the context is asked to; not all take the question.
+    for (const auto& [major, minor, robustness] :
+         {Wish{4, 5, GLFW_LOSE_CONTEXT_ON_RESET}, Wish{4, 5, GLFW_NO_ROBUSTNESS}, Wish{4, 3, GLFW_NO_ROBUSTNESS},
+          Wish{4, 1, GLFW_NO_ROBUSTNESS}}) {
         glfwDefaultWindowHints();
+        glfwWindowHint(GLFW_CONTEXT_ROBUSTNESS, robustness);
         glfwWindowHint(GLFW_CONTEXT_VERSION_MAJOR, major);
         glfwWindowHint(GLFW_CONTEXT_VERSION_MINOR, minor);
         glfwWindowHint(GLFW_OPENGL_PROFILE, GLFW_OPENGL_CORE_PROFILE);
@@ -114,13 +121,15 @@ class Window
     Window(const Window&) = delete;
     Window& operator=(const Window&) = delete;
 
-    void run()
+    // Until the user closes it, or the driver loses its context.
+    //   return  false: lost; the scene with all edits is in take_scene()
+    bool run()
     {
         std::uint32_t drawn = 0;
         while (!glfwWindowShouldClose(handle)) {
             const bool sizeless = window_size().x < 1 || window_size().y < 1; // iconified, or drawn to nothing
-            const bool rests =
-                sizeless || view.paused || preview->frames() >= static_cast<std::uint32_t>(view.sample_limit);
+            const bool rests = sizeless || view.paused || blocked ||
+                               preview->frames() >= static_cast<std::uint32_t>(view.sample_limit);
             if (sizeless || (rests && awake == 0))
                 glfwWaitEventsTimeout(1.0); // only to look for saved shaders
             else
@@ -132,25 +141,39 @@ class Window
             dirty = false;
             adapt_size();
             if (!rests) {
-                preview->draw_frame();
-                ++drawn;
+                blocked = !preview->draw_frame();
+                drawn += blocked ? 0 : 1;
             }
             if (awake > 0) --awake;
             show();
             gl.Finish();
+            if (context_lost()) return false;
             if (!rests) {
                 const double ms = 1e3 * seconds_between(start, Clock::now());
                 status.milliseconds = status.milliseconds > 0 ? status.milliseconds * 0.9 + ms * 0.1 : ms;
             }
             if (options.exit_after_frames > 0 && drawn >= options.exit_after_frames) break;
         }
+        return true;
+    }
+
+    // With the camera where it was moved to.
+    Scene take_scene()
+    {
+        preview.reset();
+        scene.camera = camera;
+        return std::move(scene);
     }
 
   private:
     static Window& self(GLFWwindow* window) { return *static_cast<Window*>(glfwGetWindowUserPointer(window)); }
 
     // ImGui answers an event one or two frames later.
-    void wake() { awake = 3; }
+    void wake()
+    {
+        awake = 3;
+        blocked = false;
+    }
 
     glm::ivec2 window_size() const
     {
@@ -379,6 +402,7 @@ class Window
     ViewStatus status;
     std::string shader_complaint;
     bool panels_open = true, help_open = false, dirty = false;
+    bool blocked = false; // a shader does not compile: nothing to draw until something changes
     int awake = 3;
     int moving_divisor = 1;
     glm::dvec2 pointer{0};
@@ -394,9 +418,14 @@ int run_window(const LookdevOptions& options)
         for (const std::string& warning : scene.warnings)
             std::fprintf(stderr, "selvedge-lookdev: warning: %s\n", warning.c_str());
     const GlfwLibrary library;
-    Window window(options, std::move(scene));
-    window.run();
-    return 0;
+    for (int losses = 0;;) {
+        Window window(options, std::move(scene));
+        if (window.run()) return 0;
+        // A card that resets again and again is of no use.
+        if (++losses == 3) throw std::runtime_error("the GL driver has lost the context three times");
+        std::fprintf(stderr, "selvedge-lookdev: the GL driver has lost the context; opening another window\n");
+        scene = window.take_scene();
+    }
 }
 
 std::map<std::string, std::string> window_library_versions()

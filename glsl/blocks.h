@@ -20,4 +20,8 @@ CLOTH_BLOCK(Frame) {
     ivec4 lights;           // x count; yz size of the environment; w nodes of the BVH
     ivec4 model;            // bsdf, weight, visibility, slab: where the shader does not have them as constants
     ivec4 ingredients;      // x unscattered; y interreflection; z twist noise: 1 or 0, likewise
+    vec4 past_position;     // the camera of the remembered view, as above; w unused here and in past_forward
+    vec4 past_forward;
+    vec4 past_right;
+    vec4 past_up;
 } CLOTH_BLOCK_END(frame);

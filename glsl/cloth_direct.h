@@ -183,7 +183,7 @@ CLOTH_FN real3 cloth_background(CLOTH_IN(ClothLights) lights, real3 direction)
 {
     if (lights.count == 0 || lights.environment_size.x == 0) return real3(real(0));
     ClothLight light = cloth_fetch_light(lights, 0);   // the environment, where there is one, is light 0
-    if (light.kind != cloth_light_environment || light.shape.y > real(0)) return real3(real(0));
+    if (!cloth_light_is(light, cloth_light_environment) || light.shape.y > real(0)) return real3(real(0));
     real4 seen = cloth_environment(lights, light, direction);
     return real3(seen.x, seen.y, seen.z);
 }

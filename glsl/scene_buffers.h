@@ -60,7 +60,11 @@ ClothSettings frame_settings()
 
 ClothLights frame_lights()
 {
+#ifdef ONE_LIGHT
+    return ClothLights(1, frame.lights.yz);
+#else
     return ClothLights(frame.lights.x, frame.lights.yz);
+#endif
 }
 
 uint pixel_seed(vec2 pixel_centre)

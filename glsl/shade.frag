@@ -1,6 +1,6 @@
 // Root: radiance of this frame's sample of every pixel; the blend unit adds it to the sum of the block.
 //   FABRIC  objects with fabric   GAPS  fabrics with gaps   MATTE  objects without   FOOTPRINT  several points a frame
-//   CONVEX  nothing is in the way in front of a triangle
+//   CONVEX  nothing is in the way in front of a triangle   ONE_LIGHT  none has to be chosen
 //   EMITTERS  objects that shine
 #include "interop.h"
 #include "cloth.h"
@@ -13,6 +13,12 @@ layout(location = 0) out vec4 colour;   // radiance, coverage
 
 // Selections after the first are drawn from those that stop the ray, which is what the first one is known to have done.
 const uint attempts = 8u;
+
+#ifdef FOOTPRINT
+#define POINTS frame.random.z
+#else
+#define POINTS 1u
+#endif
 
 vec3 direct_light(ClothMaps maps, ClothSurface surface, ClothShading shading, ClothRandom random)
 {
@@ -42,7 +48,7 @@ void main()
 #ifdef FOOTPRINT
     ClothSelection first;
 #endif
-    for (uint n = 0u; n < frame.random.z; ++n) {
+    for (uint n = 0u; n < POINTS; ++n) {
         ClothRandom random = layer_random(seed, object_index, triangle_index, n * attempts);
 #ifdef FABRIC
         if (!object.matte) {
@@ -73,13 +79,16 @@ void main()
         }
 #endif
 #ifdef MATTE
-        if (object.matte) shading = cloth_shade_plain(object.albedo, object.roughness);
+#ifdef FABRIC
+        if (object.matte)
+#endif
+        shading = cloth_shade_plain(object.albedo, object.roughness);
 #endif
         sum += direct_light(object.maps, surface, shading, random);
     }
     // A sample that is not a number counts as 0, as in the reference: it would spoil its pixel for ever.
     bool good = all(greaterThanEqual(sum, vec3(0.0))) && all(lessThan(sum, vec3(1e30)));
-    vec3 radiance = good ? sum / float(frame.random.z) : vec3(0.0);
+    vec3 radiance = good ? sum / float(POINTS) : vec3(0.0);
 #ifdef EMITTERS
     if (object.light >= 0) radiance += cloth_emitted(cloth_fetch_light(frame_lights(), object.light), surface.side);
 #endif

@@ -184,7 +184,7 @@ def test_a_saved_shader_shows_and_a_broken_one_does_not(tmp_path, monkeypatch):
         line = shown.program.stderr.readline()
         assert line.startswith("selvedge-lookdev: present.frag:") and "error" in line
         assert shown.shows_the_picture(), "the last good program is gone"
-        green = good.replace("colour     = vec4(cloth_display(value.rgb, exposure), 1.0)", "colour = vec4(0.0, 1.0, 0.0, 1.0)")
+        green = good.replace("colour     = vec4(cloth_display(shown_at(xy).rgb, exposure), 1.0)", "colour = vec4(0.0, 1.0, 0.0, 1.0)")
         assert green != good
         (folder / "present.frag").write_text(green)
         # All but the pointer, which some X servers draw into the screen.

@@ -79,17 +79,20 @@ class EglContext : public Context
         EGLConfig config = nullptr;
         EGLint count = 0;
         eglChooseConfig(display, wanted, &config, 1, &count);
-        for (const auto& version : versions) {
-            const EGLint attributes[] = {EGL_CONTEXT_MAJOR_VERSION,
-                                         version[0],
-                                         EGL_CONTEXT_MINOR_VERSION,
-                                         version[1],
-                                         EGL_CONTEXT_OPENGL_PROFILE_MASK,
-                                         EGL_CONTEXT_OPENGL_CORE_PROFILE_BIT,
-                                         EGL_NONE};
-            context = eglCreateContext(display, count > 0 ? config : EGL_NO_CONFIG_KHR, EGL_NO_CONTEXT, attributes);
-            if (context != EGL_NO_CONTEXT) break;
-        }
+        // A driver that can tell that it has lost the context is asked to; not all take the question.
+        for (const auto& version : versions)
+            for (const bool notified : {true, false}) {
+                std::vector<EGLint> attributes = {EGL_CONTEXT_MAJOR_VERSION,       version[0],
+                                                  EGL_CONTEXT_MINOR_VERSION,       version[1],
+                                                  EGL_CONTEXT_OPENGL_PROFILE_MASK, EGL_CONTEXT_OPENGL_CORE_PROFILE_BIT};
+                if (notified)
+                    attributes.insert(attributes.end(),
+                                      {EGL_CONTEXT_OPENGL_RESET_NOTIFICATION_STRATEGY, EGL_LOSE_CONTEXT_ON_RESET});
+                attributes.push_back(EGL_NONE);
+                if (context == EGL_NO_CONTEXT)
+                    context = eglCreateContext(display, count > 0 ? config : EGL_NO_CONFIG_KHR, EGL_NO_CONTEXT,
+                                               attributes.data());
+            }
         if (context == EGL_NO_CONTEXT) return format_text("no core context 4.1 or later: 0x%x", eglGetError());
         // We draw to framebuffers of our own; a surface of one pixel serves drivers that insist on one.
         if (eglMakeCurrent(display, EGL_NO_SURFACE, EGL_NO_SURFACE, context) == EGL_TRUE) return "";

@@ -1,6 +1,7 @@
 // app/preview/gl.cpp: loading of GL functions, GL errors, GL objects.
 #include "app/preview/gl.hpp"
 
+#include <algorithm>
 #include <cstdio>
 #include <stdexcept>
 
@@ -37,6 +38,9 @@ GlInfo load_gl(GlLoader loader)
     gl.GetIntegerv(GL_MAJOR_VERSION, &info.major);
     gl.GetIntegerv(GL_MINOR_VERSION, &info.minor);
     gl.GetIntegerv(GL_MAX_TEXTURE_SIZE, &info.texture_limit);
+    GLint viewport[2] = {};
+    gl.GetIntegerv(GL_MAX_VIEWPORT_DIMS, viewport);
+    info.texture_limit = std::min({info.texture_limit, viewport[0], viewport[1]});
     gl.GetIntegerv(GL_MAX_TEXTURE_BUFFER_SIZE, &info.buffer_texture_limit);
     if (info.major * 10 + info.minor < 41)
         throw std::runtime_error(
@@ -44,6 +48,11 @@ GlInfo load_gl(GlLoader loader)
     // The address alone does not say that the context has the feature.
     info.clip_control = info.major * 10 + info.minor >= 45 && gl.ClipControl != nullptr;
     return info;
+}
+
+bool context_lost()
+{
+    return gl.GetGraphicsResetStatus != nullptr && gl.GetGraphicsResetStatus() != GL_NO_ERROR;
 }
 
 void check_gl(const char* what)

@@ -27,7 +27,7 @@ using GlLoader = GlProc (*)(const char* name);
 struct GlInfo {
     std::string vendor, renderer, version;
     int major = 0, minor = 0;
-    int texture_limit = 0;        // texels along a side
+    int texture_limit = 0;        // texels along a side of a picture that can be drawn to
     int buffer_texture_limit = 0; // texels in a buffer texture
     bool clip_control = false;    // depth range [0, 1]: full float precision of reversed depth
 };
@@ -35,6 +35,10 @@ struct GlInfo {
 // Fills the table from the current context and asks the driver about itself.
 //   throws  std::runtime_error: below GL 4.1, or functions missing
 GlInfo load_gl(GlLoader loader);
+
+// Whether the driver has given the context up (a reset of the card): everything in it is gone, and nothing will be
+// drawn any more. False where the driver cannot say.
+bool context_lost();
 
 // Throws std::runtime_error("what: GL_OUT_OF_MEMORY") where an error is pending, all pending errors named.
 void check_gl(const char* what);

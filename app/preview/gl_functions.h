@@ -69,4 +69,6 @@
     X(PFNGLVERTEXATTRIBPOINTERPROC, VertexAttribPointer)                                                               \
     X(PFNGLVIEWPORTPROC, Viewport)
 
-#define SELVEDGE_GL_OPTIONAL(X) X(PFNGLCLIPCONTROLPROC, ClipControl) /* GL 4.5 */
+#define SELVEDGE_GL_OPTIONAL(X)                                                                                        \
+    X(PFNGLCLIPCONTROLPROC, ClipControl)                     /* GL 4.5 */                                              \
+    X(PFNGLGETGRAPHICSRESETSTATUSPROC, GetGraphicsResetStatus) /* GL 4.5 */

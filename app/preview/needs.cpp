@@ -163,7 +163,7 @@ Needs Needs::of(const Scene& scene, const BlockingShape& shape, const CameraSpec
     needs.metal = !left_out("metal", !any_metal);
     needs.emitters = !left_out("emitters", !any_emitter);
     needs.gaps = !left_out("gaps", !any_gaps);
-    needs.several_points = needs.fabric && footprint_samples > 1;
+    needs.several_points = footprint_samples > 1;
 
     needs.model = scene.model.settings;
     const auto every_fabric = [&](auto&& is_so) {
@@ -181,7 +181,11 @@ Needs Needs::of(const Scene& scene, const BlockingShape& shape, const CameraSpec
 
     for (const ClothLight& light : scene.lights) needs.light_kinds |= 1 << light.kind;
     constexpr int all_kinds = (2 << cloth_light_mesh) - 1;
-    if (!left_out("lights", needs.light_kinds != all_kinds)) needs.light_kinds = all_kinds;
+    needs.one_light = scene.lights.size() == 1;
+    if (!left_out("lights", needs.light_kinds != all_kinds || needs.one_light)) {
+        needs.light_kinds = all_kinds;
+        needs.one_light = false;
+    }
 
     // Light leaves matte on the viewer's side alone; cloth sends it through to the other side as well.
     const bool fronts_alone = !any_fabric && shape.convex && shape.closed && camera.lens_radius == 0 &&
@@ -219,6 +223,7 @@ std::vector<std::string> Needs::defines() const
                                                   {"FOOTPRINT", several_points},
                                                   {"MATTE", matte},
                                                   {"EMITTERS", emitters},
+                                                  {"ONE_LIGHT", one_light},
                                                   {"SHADOWS", shadows != ShadowNeed::none},
                                                   {"CONVEX", shadows == ShadowNeed::inward}};
     for (const auto& [name, needed] : parts)

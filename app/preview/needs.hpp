@@ -36,6 +36,7 @@ struct Needs {
     bool several_points = false;          // shaded points of a pixel in a frame
     bool compiled_model = true; // the model's settings are constants of the shader, not numbers in the frame's block
     int light_kinds = 0;        // bits 1 << kind
+    bool one_light = false;     // none has to be chosen
     cloth::f32::ClothSettings model{};
     ShadowNeed shadows = ShadowNeed::all;
     std::map<std::string, bool> skipped; // name -> left out

@@ -14,8 +14,22 @@ Passes::Passes(const GlInfo& info)
 void Passes::choose(const Needs& needs)
 {
     defines = needs.defines();
-    gauze_defines = needs.model_defines();
-    gauze_defines.emplace_back("GAPS");
+    model_defines = needs.model_defines();
+}
+
+std::vector<std::string> Passes::gauze_defines() const
+{
+    std::vector<std::string> list = model_defines;
+    list.emplace_back("GAPS");
+    return list;
+}
+
+bool Passes::prepare(const SceneBuffers& buffers)
+{
+    if (!buffers.opaque.empty()) opaque_visibility.use({});
+    if (!buffers.gauze.empty()) gauze_visibility.use(gauze_defines());
+    shading.use(defines);
+    return opaque_visibility.compiled() && gauze_visibility.compiled() && shading.compiled();
 }
 
 void Passes::set_frame(const block::Frame& frame)
@@ -33,19 +47,14 @@ void Passes::visibility(Targets& targets, const SceneBuffers& buffers)
     if (clip_control) gl.ClipControl(GL_LOWER_LEFT, GL_ZERO_TO_ONE);
     targets.begin_visibility();
     // Opaque objects first: what lies behind them need not be looked up.
-    struct Kind {
-        ProgramVariants& programs;
-        const std::vector<std::string> with;
-        const std::vector<std::size_t>& objects;
-    };
-    for (const Kind& kind :
-         {Kind{opaque_visibility, {}, buffers.opaque}, Kind{gauze_visibility, gauze_defines, buffers.gauze}}) {
-        if (kind.objects.empty()) continue;
-        kind.programs.use(kind.with);
-        const ShaderProgram& program = kind.programs.current();
+    const std::pair<ProgramVariants*, const std::vector<std::size_t>*> kinds[] = {{&opaque_visibility, &buffers.opaque},
+                                                                                  {&gauze_visibility, &buffers.gauze}};
+    for (const auto& [programs, objects] : kinds) {
+        if (objects->empty()) continue;
+        const ShaderProgram& program = programs->current();
         gl.UseProgram(*program);
         const GLint object_index = program.location("object_index");
-        for (const std::size_t object : kind.objects) {
+        for (const std::size_t object : *objects) {
             if (buffers.index_count(object) == 0) continue;
             gl.Uniform1i(object_index, static_cast<GLint>(object));
             buffers.bind_object(object);
@@ -57,7 +66,6 @@ void Passes::visibility(Targets& targets, const SceneBuffers& buffers)
 
 void Passes::shade(Targets& targets, const SceneBuffers& buffers)
 {
-    shading.use(defines);
     buffers.bind_textures();
     targets.begin_shade();
     gl.UseProgram(*shading.current());
@@ -79,7 +87,37 @@ void Passes::merge(Targets& targets, std::uint32_t block_length, std::uint32_t b
     targets.clear_sum();
 }
 
-void Passes::present(const Targets& targets, glm::ivec2 corner, glm::ivec2 size, float block_weight, float mean_weight,
+void Passes::set_weights(const ShaderProgram& program, const ShownWeights& weights)
+{
+    gl.Uniform1f(program.location("block_weight"), weights.block);
+    gl.Uniform1f(program.location("mean_weight"), weights.mean);
+    gl.Uniform1f(program.location("samples"), weights.samples);
+    gl.Uniform1f(program.location("carried_share"), weights.carried);
+}
+
+void Passes::remember(Targets& targets, const SceneBuffers& buffers, const ShownWeights& weights)
+{
+    remembering.use(model_defines);
+    buffers.bind_textures();
+    targets.bind_textures();
+    targets.begin_remember();
+    gl.UseProgram(*remembering.current());
+    set_weights(remembering.current(), weights);
+    draw_screen();
+}
+
+void Passes::carry(Targets& targets, const SceneBuffers& buffers)
+{
+    carrying.use(model_defines);
+    buffers.bind_textures();
+    targets.begin_carry();
+    targets.bind_textures();
+    targets.bind_past();
+    gl.UseProgram(*carrying.current());
+    draw_screen();
+}
+
+void Passes::present(const Targets& targets, glm::ivec2 corner, glm::ivec2 size, const ShownWeights& weights,
                      float exposure)
 {
     presenting.use({});
@@ -90,8 +128,7 @@ void Passes::present(const Targets& targets, glm::ivec2 corner, glm::ivec2 size,
     gl.Disable(GL_FRAMEBUFFER_SRGB); // the display transform has encoded already
     gl.Viewport(corner.x, corner.y, size.x, size.y);
     gl.UseProgram(*program);
-    gl.Uniform1f(program.location("block_weight"), block_weight);
-    gl.Uniform1f(program.location("mean_weight"), mean_weight);
+    set_weights(program, weights);
     gl.Uniform1f(program.location("exposure"), exposure);
     gl.Uniform1f(program.location("left"), static_cast<float>(corner.x));
     gl.Uniform1f(program.location("top"), static_cast<float>(corner.y + size.y));
@@ -106,18 +143,22 @@ void Passes::draw_screen()
     gl.DrawArrays(GL_TRIANGLES, 0, 3);
 }
 
+std::vector<ProgramVariants*> Passes::all()
+{
+    return {&opaque_visibility, &gauze_visibility, &shading, &merging, &presenting, &remembering, &carrying};
+}
+
 bool Passes::rebuild_if_changed()
 {
     bool any = false;
-    for (ProgramVariants* programs : {&opaque_visibility, &gauze_visibility, &shading, &merging, &presenting})
-        any |= programs->rebuild_if_changed();
+    for (ProgramVariants* programs : all()) any |= programs->rebuild_if_changed();
     return any;
 }
 
-std::string Passes::complaint() const
+std::string Passes::complaint()
 {
     std::string text;
-    for (const ProgramVariants* programs : {&opaque_visibility, &gauze_visibility, &shading, &merging, &presenting})
+    for (const ProgramVariants* programs : all())
         if (const std::string one = programs->complaint(); !one.empty()) text += (text.empty() ? "" : "\n") + one;
     return text;
 }

@@ -24,8 +24,15 @@ static_assert(offsetof(Frame, camera_position) == 0 && offsetof(Frame, camera_fo
 static_assert(offsetof(Frame, camera_right) == 32 && offsetof(Frame, camera_up) == 48);
 static_assert(offsetof(Frame, lens) == 64 && offsetof(Frame, film) == 80 && offsetof(Frame, random) == 96);
 static_assert(offsetof(Frame, depth) == 112 && offsetof(Frame, lights) == 128);
-static_assert(offsetof(Frame, model) == 144 && offsetof(Frame, ingredients) == 160 && sizeof(Frame) == 176);
+static_assert(offsetof(Frame, model) == 144 && offsetof(Frame, ingredients) == 160);
+static_assert(offsetof(Frame, past_position) == 176 && offsetof(Frame, past_forward) == 192);
+static_assert(offsetof(Frame, past_right) == 208 && offsetof(Frame, past_up) == 224 && sizeof(Frame) == 240);
 } // namespace block
+
+// What of the accumulated picture is shown: glsl/shown.h.
+struct ShownWeights {
+    float block = 0, mean = 0, samples = 0, carried = 0;
+};
 
 class Passes
 {
@@ -34,29 +41,44 @@ class Passes
 
     // From now on the programs have what the scene needs; they are compiled when they are first drawn with.
     void choose(const Needs& needs);
+    // Compiles what a frame is drawn with, where that has not been done.
+    //   return  false: something that was chosen does not compile, though what was chosen before did; complaint() says
+    //   why,
+    //           and nothing may be drawn
+    //   throws  InputError where nothing ever compiled
+    bool prepare(const SceneBuffers& buffers);
     void set_frame(const block::Frame& frame);
 
     void visibility(Targets& targets, const SceneBuffers& buffers);
     void shade(Targets& targets, const SceneBuffers& buffers);
     // Folds a complete block into the mean and clears its sum. blocks counts it.
     void merge(Targets& targets, std::uint32_t block_length, std::uint32_t blocks);
-    void present(const Targets& targets, glm::ivec2 corner, glm::ivec2 size, float block_weight, float mean_weight,
+    // Puts what is shown, and where it is, aside for the next view; all by the frame that was drawn last.
+    void remember(Targets& targets, const SceneBuffers& buffers, const ShownWeights& weights);
+    // Finds what was put aside in the first frame of a view; after it is shaded.
+    void carry(Targets& targets, const SceneBuffers& buffers);
+    void present(const Targets& targets, glm::ivec2 corner, glm::ivec2 size, const ShownWeights& weights,
                  float exposure);
 
     bool rebuild_if_changed(); // true: at least one program is another one now
     // Why the programs that were chosen are not in use; empty where all is well.
-    std::string complaint() const;
+    std::string complaint();
     const std::vector<std::string>& features() const { return defines; }
 
   private:
     void draw_screen();
+    static void set_weights(const ShaderProgram& program, const ShownWeights& weights);
+    std::vector<std::string> gauze_defines() const;
+    std::vector<ProgramVariants*> all();
 
     bool clip_control;
-    std::vector<std::string> defines, gauze_defines; // of shading, and of the visibility of what rays may pass through
+    std::vector<std::string> defines;       // of shading
+    std::vector<std::string> model_defines; // the model's alone
     ProgramVariants opaque_visibility{"visibility.vert", "visibility.frag"};
     ProgramVariants gauze_visibility{"visibility.vert", "visibility.frag"};
     ProgramVariants shading{"screen.vert", "shade.frag"}, merging{"screen.vert", "merge.frag"};
     ProgramVariants presenting{"screen.vert", "present.frag"};
+    ProgramVariants remembering{"screen.vert", "remember.frag"}, carrying{"screen.vert", "carry.frag"};
     GlName frame_block, empty_array;
 };
 

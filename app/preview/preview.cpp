@@ -28,12 +28,13 @@ void Preview::find_needs()
 
 void Preview::set_camera(const CameraSpec& wanted)
 {
+    remember();
     camera = wanted;
     const ShadowNeed before = needs.shadows;
     find_needs();
     if ((needs.shadows == ShadowNeed::none) != (before == ShadowNeed::none)) buffers.upload_bvh(scene, needs);
     update_near_plane();
-    restart();
+    begin_again();
 }
 
 void Preview::set_options(const PreviewOptions& wanted)
@@ -46,8 +47,11 @@ void Preview::set_options(const PreviewOptions& wanted)
 
 void Preview::resize(glm::ivec2 resolution)
 {
+    remember();
     targets.resize(resolution, info);
-    restart();
+    has_carried = false;
+    frame_count = block_count = 0;
+    begin_again();
 }
 
 void Preview::lights_changed()
@@ -82,18 +86,42 @@ void Preview::model_changed()
 
 void Preview::restart()
 {
-    targets.clear_accumulation();
-    frame_count = block_count = 0;
+    has_past = false;
+    view_count = 0;
+    begin_again();
+}
+
+void Preview::remember()
+{
+    // Where the present view has no frame yet, the past is still the one before.
+    if (stale) return;
+    ++view_count;
+    if (!options.reproject) return;
+    passes.remember(targets, buffers, shown_weights());
+    past = make_camera(camera, targets.size());
+    has_past = true;
+}
+
+ShownWeights Preview::shown_weights() const
+{
+    const float drawn = static_cast<float>(std::max(frame_count, 1u));
+    const float left = 1 - drawn / static_cast<float>(carry_frames);
+    return {1 / drawn, static_cast<float>(block_count * length) / drawn, drawn, has_carried ? std::max(left, 0.0f) : 0};
+}
+
+void Preview::begin_again()
+{
+    stale = true;
     length = cloth_block_length(options.planned);
 }
 
 void Preview::plan(std::uint32_t planned)
 {
-    if (block_count > 0) return;
+    if (!stale && block_count > 0) return;
     options.planned = planned;
     length = cloth_block_length(planned);
     // What is drawn already is the beginning of the first block.
-    while (length <= frame_count) length *= 2;
+    while (length <= frames()) length *= 2;
 }
 
 // As far away as it may be without cutting anything off, because reversed depth loses digits where near / w is small
@@ -109,10 +137,18 @@ void Preview::update_near_plane()
     near_plane = std::clamp(0.5f * nearest / corner, 1e-6f, 1e6f);
 }
 
-void Preview::draw_frame()
+bool Preview::draw_frame()
 {
+    if (!passes.prepare(buffers)) return false;
+    if (stale) {
+        targets.clear_accumulation();
+        has_carried = false;
+        frame_count = block_count = 0;
+        stale = false;
+    }
     const ClothCamera centre = make_camera(camera, targets.size());
-    const std::uint32_t block_seed = cloth_hash_combine(options.seed, block_count);
+    const std::uint32_t view_seed = view_count == 0 ? options.seed : cloth_hash_combine(options.seed, ~view_count);
+    const std::uint32_t block_seed = cloth_hash_combine(view_seed, block_count);
     const std::uint32_t index = frame_count % length;
     const glm::vec2 offset = cloth_filter_offset(scene.film.filter, cloth_random(block_seed, index, cloth_dim_pixel));
     // One point of the lens a frame.
@@ -132,26 +168,34 @@ void Preview::draw_frame()
     const ClothSettings& model = needs.model;
     frame.model = glm::ivec4(model.bsdf, model.weight, model.visibility, model.slab);
     frame.ingredients = glm::ivec4(model.unscattered, model.interreflection, model.twist_noise, 0);
+    frame.past_position = glm::vec4(past.position, 0);
+    frame.past_forward = glm::vec4(past.forward, 0);
+    frame.past_right = glm::vec4(past.right, 1 / std::max(glm::dot(past.right, past.right), 1e-30f));
+    frame.past_up = glm::vec4(past.up, 1 / std::max(glm::dot(past.up, past.up), 1e-30f));
     passes.set_frame(frame);
     buffers.bind_textures();
     passes.visibility(targets, buffers);
     targets.bind_textures();
     passes.shade(targets, buffers);
+    if (has_past && frame_count == 0) {
+        passes.carry(targets, buffers);
+        has_carried = true;
+    }
     ++frame_count;
     if (index + 1 == length) passes.merge(targets, length, ++block_count);
+    return true;
 }
 
 void Preview::present(glm::ivec2 corner, glm::ivec2 size, float exposure)
 {
-    const float samples = static_cast<float>(std::max(frame_count, 1u));
-    passes.present(targets, corner, size, 1 / samples, static_cast<float>(block_count * length) / samples, exposure);
+    passes.present(targets, corner, size, shown_weights(), exposure);
 }
 
 PreviewImage Preview::read() const
 {
     PreviewImage image;
     image.size = targets.size();
-    image.frames = frame_count;
+    image.frames = frame_count; // of the picture that is on show
     image.blocks = block_count;
     const std::size_t pixels = static_cast<std::size_t>(image.size.x) * static_cast<std::size_t>(image.size.y);
     std::vector<glm::vec4> sum(pixels);
@@ -191,6 +235,7 @@ std::vector<std::string> Preview::pass_names() const
     std::vector<std::string> names;
     if (!buffers.opaque.empty()) names.emplace_back("visibility");
     if (!buffers.gauze.empty()) names.emplace_back("visibility-gaps");
+    if (has_past) names.emplace_back("carry");
     for (const char* name : {"shade", "merge"}) names.emplace_back(name);
     return names;
 }

@@ -20,6 +20,7 @@ namespace selvedge
 struct PreviewOptions {
     std::uint32_t seed = 0;
     int footprint_samples = 1;  // shaded points of each pixel in a frame, [1, 64]
+    bool reproject = true;      // while the view moves, what earlier views showed is shown at its new place
     std::set<std::string> kept; // parts of skip_names() that are done whether the scene needs them or not
     std::uint32_t planned = 0;  // frames that will be drawn, 0 when nobody knows: decides the length of a block
 };
@@ -33,10 +34,14 @@ struct PreviewImage {
     std::vector<glm::vec4> variance; // of the pixel's mean, from the spread of the blocks; 0 below two blocks
 };
 
-// Everything that changes the picture restarts the accumulation; nothing else does.
+// Everything that changes the picture restarts the accumulation; nothing else does. What is shown while a new view has
+// few samples may hold what earlier views knew of the same places (glsl/carry.frag); what is accumulated, and so the
+// picture that read() returns and that is shown after carry_frames, never does.
 class Preview
 {
   public:
+    static constexpr std::uint32_t carry_frames = 32; // after as many, nothing of earlier views is shown
+
     // Uploads the scene. The scene must outlive the preview. Shaders are compiled when the first frame wants them.
     //   throws  std::runtime_error (limits of the driver)
     Preview(const Scene& scene, const GlInfo& info, glm::ivec2 resolution, const PreviewOptions& options);
@@ -54,10 +59,12 @@ class Preview
     // Tells, while the first block is unfinished, how many frames there will be: sets the length of blocks.
     void plan(std::uint32_t planned);
 
-    // Adds one sample to every pixel.
-    //   throws  InputError: a shader that never compiled; one that did once stays in use (reload_shaders tells)
-    void draw_frame();
-    std::uint32_t frames() const { return frame_count; }
+    // Adds one sample to every pixel. Where a shader does not compile, though one did before (reload_shaders() tells),
+    // nothing is drawn, and the last good picture stays on show.
+    //   return  whether it was drawn
+    //   throws  InputError: a shader that never compiled
+    bool draw_frame();
+    std::uint32_t frames() const { return stale ? 0 : frame_count; }
     std::uint32_t block_length() const { return length; }
     glm::ivec2 resolution() const { return targets.size(); }
 
@@ -79,6 +86,9 @@ class Preview
   private:
     // What the scene needs now; uploads and compiles nothing but what shadow rays walk, where that has changed.
     void find_needs();
+    void remember();
+    void begin_again(); // with the next frame accumulates from nothing; until then the last picture is shown
+    ShownWeights shown_weights() const;
     void update_near_plane();
 
     const Scene& scene;
@@ -91,6 +101,10 @@ class Preview
     Targets targets;
     Passes passes;
     float near_plane = 0.01f;
+    cloth::f32::ClothCamera past{};             // of the remembered view
+    bool has_past = false, has_carried = false; // a view is remembered; its picture is found again in the present one
+    std::uint32_t view_count = 0;               // that were looked at: each has random numbers of its own
+    bool stale = true;                          // what is accumulated belongs to something that has changed
     std::uint32_t frame_count = 0, block_count = 0, length = 1;
 };
 

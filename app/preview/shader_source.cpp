@@ -180,13 +180,18 @@ bool ShaderProgram::rebuild_if_changed()
 
 bool ProgramVariants::use(const std::vector<std::string>& defines)
 {
-    if (in_use != nullptr && wanted == defines && error_text.empty()) return false;
+    if (in_use != nullptr && wanted == defines) return false;
     wanted = defines;
+    return make_wanted();
+}
+
+bool ProgramVariants::make_wanted()
+{
     const ShaderProgram* const before = in_use;
     try {
-        auto found = programs.find(defines);
+        auto found = programs.find(wanted);
         if (found == programs.end())
-            found = programs.emplace(defines, ShaderProgram(vertex, fragment, defines)).first;
+            found = programs.emplace(wanted, ShaderProgram(vertex, fragment, wanted)).first;
         else
             found->second.rebuild_if_changed(); // its files may have been saved while it was not in use
         in_use = &found->second;
@@ -202,7 +207,7 @@ bool ProgramVariants::rebuild_if_changed()
 {
     if (in_use == nullptr) return false;
     // What was asked for and did not compile is tried again with what has been saved since.
-    const bool another = !error_text.empty() && use(wanted);
+    const bool another = !error_text.empty() && make_wanted();
     return in_use->rebuild_if_changed() || another;
 }
 

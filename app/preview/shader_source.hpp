@@ -87,7 +87,8 @@ class ProgramVariants
     bool use(const std::vector<std::string>& defines);
 
     ShaderProgram& current() { return *in_use; }
-    bool rebuild_if_changed(); // as ShaderProgram's, of the program in use
+    bool compiled() const { return error_text.empty(); } // what was asked for is in use
+    bool rebuild_if_changed();                           // as ShaderProgram's, of the program in use
     std::string complaint() const
     {
         return !error_text.empty() || in_use == nullptr ? error_text : in_use->complaint();
@@ -98,7 +99,9 @@ class ProgramVariants
     std::map<std::vector<std::string>, ShaderProgram> programs;
     ShaderProgram* in_use = nullptr;
     std::vector<std::string> wanted;
-    std::string error_text; // of the last use()
+    std::string error_text; // of `wanted`
+
+    bool make_wanted();
 };
 
 // Texture units and uniform blocks by name; a name that a program lacks is nothing.
@@ -122,6 +125,9 @@ inline constexpr Binding texture_units[] = {
     {"mean_map", 12},
     {"spread_map", 13},
     {"rest_map", 14},
+    {"carried_map", 15},
+    {"past_picture", 0},
+    {"past_place", 1},
     // Buffers, on units that other passes use for pictures: a program never has both.
     {"height_words", 11},
     {"asg_table", 12},

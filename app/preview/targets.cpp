@@ -117,18 +117,57 @@ void Targets::end_merge()
     current = 1 - current;
 }
 
+void Targets::begin_remember()
+{
+    if (past_extent != extent) {
+        past_extent = glm::ivec2(0);
+        past_picture = make_texture(GL_RGBA32F, GL_RGBA, GL_FLOAT, extent);
+        past_place = make_texture(GL_RGBA32F, GL_RGBA, GL_FLOAT, extent);
+        past_buffer = make_framebuffer({*past_picture, *past_place}, 0);
+        past_extent = extent;
+    }
+    gl.BindFramebuffer(GL_FRAMEBUFFER, *past_buffer);
+    gl.Viewport(0, 0, extent.x, extent.y);
+    gl.Disable(GL_DEPTH_TEST);
+    gl.Disable(GL_BLEND);
+}
+
+void Targets::begin_carry()
+{
+    if (carried_extent != extent) {
+        carried_extent = glm::ivec2(0);
+        carried = make_texture(GL_RGBA32F, GL_RGBA, GL_FLOAT, extent);
+        carried_buffer = make_framebuffer({*carried}, 0);
+        carried_extent = extent;
+    }
+    gl.BindFramebuffer(GL_FRAMEBUFFER, *carried_buffer);
+    gl.Viewport(0, 0, extent.x, extent.y);
+    gl.Disable(GL_DEPTH_TEST);
+    gl.Disable(GL_BLEND);
+}
+
+static void bind_texture(const char* name, GLuint texture)
+{
+    gl.ActiveTexture(GL_TEXTURE0 + static_cast<GLenum>(texture_unit(name)));
+    gl.BindTexture(GL_TEXTURE_2D, texture);
+    gl.ActiveTexture(GL_TEXTURE0);
+}
+
+void Targets::bind_past() const
+{
+    bind_texture("past_picture", *past_picture);
+    bind_texture("past_place", *past_place);
+}
+
 void Targets::bind_textures() const
 {
     const std::pair<const char*, GLuint> textures[] = {{"id_map", *ids},
                                                        {"block_sum", *sum},
                                                        {"mean_map", *mean[current]},
                                                        {"spread_map", *spread[current]},
-                                                       {"rest_map", *rest[current]}};
-    for (const auto& [name, texture] : textures) {
-        gl.ActiveTexture(GL_TEXTURE0 + static_cast<GLenum>(texture_unit(name)));
-        gl.BindTexture(GL_TEXTURE_2D, texture);
-    }
-    gl.ActiveTexture(GL_TEXTURE0);
+                                                       {"rest_map", *rest[current]},
+                                                       {"carried_map", *carried}};
+    for (const auto& [name, texture] : textures) bind_texture(name, texture);
 }
 
 void Targets::read(int which, float* pixels) const
