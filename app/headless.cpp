@@ -144,6 +144,7 @@ int run_headless(const LookdevOptions& options)
     PreviewOptions preview_options;
     preview_options.seed = options.seed;
     preview_options.footprint_samples = options.footprint_samples;
+    preview_options.max_depth = options.paths ? options.max_depth : 1;
     preview_options.kept = options.kept;
     // Blocks are as long as the number of frames allows, at least 16 of them; where only the error is known, 16 frames
     // a block; where only the time is known, draw_frames() finds out.
@@ -164,13 +165,14 @@ int run_headless(const LookdevOptions& options)
     const double seconds_render = seconds_since(start);
 
     const RenderResult result = result_of(preview.read());
+    const char* integrator = options.paths ? "path" : "direct";
     ImageMetadata metadata = options.provenance;
     metadata["selvedge:scene"] = options.scene;
     metadata["selvedge:scene_hash"] = scene.hash;
     metadata["selvedge:seed"] = std::to_string(options.seed);
     metadata["selvedge:samples"] = std::to_string(preview.frames());
     metadata["selvedge:seconds"] = format_text("%.9g", seconds_render);
-    metadata["selvedge:integrator"] = "direct";
+    metadata["selvedge:integrator"] = integrator;
     metadata["selvedge:block_length"] = std::to_string(preview.block_length());
     metadata["selvedge:gl"] = context->info.renderer + ", " + context->info.version;
     for (const std::string& path : options.outputs) write_result(path, result, scene.film.exposure, metadata);
@@ -192,7 +194,7 @@ int run_headless(const LookdevOptions& options)
               {"build", seconds_build},
               {"render", seconds_render}}},
             {"resolution", {result.width, result.height}},
-            {"integrator", "direct"},
+            {"integrator", integrator},
             {"model", model_json(scene.model)},
             {"samples", pixels * preview.frames()},
             {"spp_mean", preview.frames()},

@@ -68,19 +68,6 @@ std::string list_of(const std::vector<std::string>& words)
     return text;
 }
 
-// `later`: words of the contract that this version cannot do; they are refused, never taken for something else.
-int parse_word(const char* option, const std::string& word,
-               std::initializer_list<std::pair<const char*, int>> available, const std::set<std::string>& later = {})
-{
-    std::string known;
-    for (const auto& [name, value] : available) {
-        if (word == name) return value;
-        known += (known.empty() ? "" : ", ") + std::string(name);
-    }
-    throw UsageError("%s: '%s' %s, expected one of %s", option, word.c_str(),
-                     later.count(word) != 0 ? "is not available in the preview yet" : "is unknown", known.c_str());
-}
-
 LookdevOptions parse_options(int argc, char** argv, bool& done)
 {
     using namespace cloth::f32;
@@ -103,7 +90,10 @@ LookdevOptions parse_options(int argc, char** argv, bool& done)
         ->check(between(1e-12, 1e6));
     app.add_option("--resolution", resolution, "WIDTH,HEIGHT instead of the scene's");
     app.add_option("--backend", backend, "headless: auto (EGL, then OSMesa), egl, osmesa");
-    app.add_option("--integrator", integrator, "direct (path: selvedge-render)");
+    app.add_option("--integrator", integrator, "direct (default), path: with light that bounces");
+    app.add_option("--max-depth", options.max_depth,
+                   "path: surfaces that scatter along a path, 1 to 1024 (default 32; 1 is direct)")
+        ->check(between(1, 1024));
     model.add_to(app);
     app.add_option("--footprint-samples", options.footprint_samples,
                    "shaded points of every pixel in a frame (default 1)")
@@ -151,7 +141,9 @@ LookdevOptions parse_options(int argc, char** argv, bool& done)
         else
             throw UsageError("--keep: '%s' is unknown, expected one of %s, all", name.c_str(), list_of(known).c_str());
     }
-    parse_word("--integrator", integrator, {{"direct", 0}}, {"path"});
+    if (integrator != "direct" && integrator != "path")
+        throw UsageError("--integrator: '%s' is unknown, expected direct or path", integrator.c_str());
+    options.paths = integrator == "path";
     model.prepend_to(options.overrides);
     const bool stops = options.frames > 0 || options.time_s > 0 || options.target_error > 0;
     if (options.headless) {

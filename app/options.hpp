@@ -13,6 +13,7 @@
 
 #include "app/preview/context.hpp"
 #include "bake/json.hpp"
+#include "glsl/cloth_bsdf.hpp"
 
 namespace selvedge
 {
@@ -22,7 +23,9 @@ struct LookdevOptions {
     Overrides overrides;
     std::optional<glm::ivec2> resolution; // absent: the scene's
     int footprint_samples = 1;
-    std::set<std::string> kept; // parts that are done whether the scene needs them or not
+    bool paths = false;                           // --integrator path
+    int max_depth = cloth::f32::cloth_path_depth; // of paths, surfaces that scatter
+    std::set<std::string> kept;                   // parts that are done whether the scene needs them or not
     std::uint32_t seed = 0;
     bool json = false, quiet = false;
 

@@ -106,6 +106,8 @@ class Window
         ImGui_ImplOpenGL3_Init("#version 410 core");
         view.settings = scene.model.settings;
         view.footprint_samples = options.footprint_samples;
+        view.paths = options.paths;
+        view.max_depth = options.max_depth;
         status.renderer = info.renderer;
         preview = std::make_unique<Preview>(scene, info, picture_size(), preview_options());
     }
@@ -203,6 +205,7 @@ class Window
         PreviewOptions wanted;
         wanted.seed = options.seed;
         wanted.footprint_samples = view.footprint_samples;
+        wanted.max_depth = view.paths ? view.max_depth : 1;
         wanted.kept = options.kept;
         return wanted;
     }

@@ -12,3 +12,4 @@
 #include "cloth_surface.h"
 #include "cloth_light.h"
 #include "cloth_direct.h"
+#include "cloth_path.h"

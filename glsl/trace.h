@@ -1,10 +1,94 @@
-// Shadow rays against the scene's BVH in buffer textures. GLSL only; roots include it after scene_buffers.h.
-//   SHADOWS  something may be in the way   GAPS  what is in the way may let light through
+// Rays against the scene's BVH in buffer textures. GLSL only; roots include it after scene_buffers.h.
+//   SHADOWS  something may be in the way of light   GAPS  what is in the way may let light through   BOUNCES  paths go on
 
-#ifdef SHADOWS
+#if defined(SHADOWS) || defined(BOUNCES)
 uniform usamplerBuffer bvh_nodes;       // RGBA32UI, two texels a node: low xyz, skip | high xyz, leaf: first * 8 + count, 0 inner
 uniform usamplerBuffer bvh_triangles;   // RGBA32UI, three texels a triangle, in leaf order: p0, object | e1, triangle | e2, gaps
 
+// A walk through the tree: what comes next, and the ray. Processors that run many pixels in step (software GL above all, which
+// takes every branch) pay for the dear work only as often as it happens where each loop has one kind of work: to the next
+// leaf, through its triangles, then what the cloth says to a hit.
+struct Walk {
+    vec3 origin, direction, inverse;
+    int node, triangle, end;   // next node; next triangle of the leaf that was entered last
+};
+
+Walk begin_walk(vec3 origin, vec3 direction)
+{
+    return Walk(origin, direction, 1.0 / mix(direction, vec3(1e-20), lessThan(abs(direction), vec3(1e-20))), 0, 0, 0);
+}
+
+bool goes_on(Walk walk)
+{
+    return walk.triangle < walk.end || walk.node < frame.lights.w;
+}
+
+// To the next leaf that the ray enters before `far`, unless the present one has triangles left.
+void find_leaf(inout Walk walk, float far)
+{
+    // Nodes lie in depth-first order: the next one is the first child; a missed node says where its subtree ends.
+    while (walk.triangle >= walk.end && walk.node < frame.lights.w) {
+        uvec4 low = texelFetch(bvh_nodes, walk.node * 2), high = texelFetch(bvh_nodes, walk.node * 2 + 1);
+        vec3 t0 = (uintBitsToFloat(low.xyz) - walk.origin) * walk.inverse, t1 = (uintBitsToFloat(high.xyz) - walk.origin) * walk.inverse;
+        vec3 nearer = min(t0, t1), further = max(t0, t1);
+        float enter = max(max(nearer.x, nearer.y), max(nearer.z, 0.0)), leave = min(min(further.x, further.y), min(further.z, far));
+        bool inside = enter <= leave * 1.0000004;
+        bool leaf   = inside && high.w != 0u;
+        walk.triangle = leaf ? int(high.w >> 3u) : walk.triangle;
+        walk.end      = leaf ? walk.triangle + int(high.w & 7u) : walk.end;
+        walk.node     = inside && !leaf ? walk.node + 1 : int(low.w);
+    }
+}
+
+// Where the ray meets the next triangle of the leaf.
+//   at      gets object, triangle, gaps
+//   return  b1, b2, distance; infinities or no numbers, which meet nothing, in the triangle's plane
+vec3 next_triangle(inout Walk walk, out uvec3 at)
+{
+    // Moeller & Trumbore 1997
+    uvec4 w0 = texelFetch(bvh_triangles, walk.triangle * 3), w1 = texelFetch(bvh_triangles, walk.triangle * 3 + 1);
+    uvec4 w2 = texelFetch(bvh_triangles, walk.triangle * 3 + 2);
+    vec3 e1  = uintBitsToFloat(w1.xyz), e2 = uintBitsToFloat(w2.xyz);
+    vec3 p   = cross(walk.direction, e2);
+    vec3 s   = walk.origin - uintBitsToFloat(w0.xyz);
+    vec3 q   = cross(s, e1);
+    at       = uvec3(w0.w, w1.w, w2.w);
+    ++walk.triangle;
+    return vec3(dot(s, p), dot(walk.direction, q), dot(e2, q)) / dot(e1, p);
+}
+
+bool is_between(vec3 t, float near, float far)
+{
+    return t.x >= 0.0 && t.y >= 0.0 && t.x + t.y <= 1.0 && t.z > near && t.z < far;
+}
+#endif
+
+#ifdef BOUNCES
+struct Hit {
+    int object;      // -1: none
+    int triangle;
+    float distance;
+};
+
+// The nearest triangle beyond a hit that the ray (unit) has passed: Hit(-1, -1, 0.0) at its start. A triangle is not met twice.
+Hit closest(vec3 origin, vec3 direction, Hit passed)
+{
+    Hit hit   = Hit(-1, -1, cloth_far);
+    Walk walk = begin_walk(origin, direction);
+    while (goes_on(walk)) {
+        find_leaf(walk, hit.distance);
+        while (walk.triangle < walk.end) {
+            uvec3 at;
+            vec3 t = next_triangle(walk, at);
+            if (is_between(t, passed.distance, hit.distance) && ivec2(at.xy) != ivec2(passed.object, passed.triangle))
+                hit = Hit(int(at.x), int(at.y), t.z);
+        }
+    }
+    return hit;
+}
+#endif
+
+#ifdef SHADOWS
 // Share of the light that crosses the cloth where a ray hits it at barycentrics b (b1, b2).
 float share_at(int object_index, int triangle_index, vec2 b, vec3 direction)
 {
@@ -16,48 +100,21 @@ float share_at(int object_index, int triangle_index, vec2 b, vec3 direction)
 }
 
 // Share of the light that gets from origin to origin + distance * direction (unit).
-//
-// Loops within loops, each with one kind of work: to the next leaf, through its triangles, then what the cloth says to a hit.
-// Processors that run many pixels in step (software GL above all, which takes every branch) pay for the dear work only as
-// often as it happens, not at each step of the walk.
 float transmittance(vec3 origin, vec3 direction, float distance)
 {
-    float share = 1.0;
-    vec3 inverse = 1.0 / mix(direction, vec3(1e-20), lessThan(abs(direction), vec3(1e-20)));
-    int node = 0, triangle = 0, end = 0;   // next node; next triangle of the leaf that was entered last
+    float share  = 1.0;
+    Walk walk    = begin_walk(origin, direction);
     bool walking = true;
     while (walking) {
         bool hit = false;
         vec2 b   = vec2(0.0);
-        uvec3 at = uvec3(0u);   // object, triangle, gaps
-        while (!hit && (triangle < end || node < frame.lights.w)) {
-            // Nodes lie in depth-first order: the next one is the first child; a missed node says where its subtree ends.
-            while (triangle >= end && node < frame.lights.w) {
-                uvec4 low = texelFetch(bvh_nodes, node * 2), high = texelFetch(bvh_nodes, node * 2 + 1);
-                vec3 t0 = (uintBitsToFloat(low.xyz) - origin) * inverse, t1 = (uintBitsToFloat(high.xyz) - origin) * inverse;
-                vec3 near = min(t0, t1), far = max(t0, t1);
-                float enter = max(max(near.x, near.y), max(near.z, 0.0)), leave = min(min(far.x, far.y), min(far.z, distance));
-                bool inside = enter <= leave * 1.0000004;
-                bool leaf   = inside && high.w != 0u;
-                triangle = leaf ? int(high.w >> 3u) : triangle;
-                end      = leaf ? triangle + int(high.w & 7u) : end;
-                node     = inside && !leaf ? node + 1 : int(low.w);
-            }
-            while (triangle < end && !hit) {
-                // Moeller & Trumbore 1997
-                uvec4 w0 = texelFetch(bvh_triangles, triangle * 3), w1 = texelFetch(bvh_triangles, triangle * 3 + 1);
-                uvec4 w2 = texelFetch(bvh_triangles, triangle * 3 + 2);
-                vec3 e1  = uintBitsToFloat(w1.xyz), e2 = uintBitsToFloat(w2.xyz);
-                vec3 p   = cross(direction, e2);
-                vec3 s   = origin - uintBitsToFloat(w0.xyz);
-                vec3 q   = cross(s, e1);
-                float determinant = dot(e1, p);
-                vec3 t   = vec3(dot(s, p), dot(direction, q), dot(e2, q)) / determinant;   // b1, b2, distance
-                // A ray in the triangle's plane makes infinities or no numbers, which miss.
-                hit = t.x >= 0.0 && t.y >= 0.0 && t.x + t.y <= 1.0 && t.z > 0.0 && t.z < distance;
-                b   = t.xy;
-                at  = uvec3(w0.w, w1.w, w2.w);
-                ++triangle;
+        uvec3 at = uvec3(0u);
+        while (!hit && goes_on(walk)) {
+            find_leaf(walk, distance);
+            while (walk.triangle < walk.end && !hit) {
+                vec3 t = next_triangle(walk, at);
+                hit    = is_between(t, 0.0, distance);
+                b      = t.xy;
             }
         }
 #ifdef GAPS

@@ -29,23 +29,6 @@ constexpr int layer_limit = 1024;         // sheets that a ray passes through be
 constexpr std::uint32_t batch_size = 128; // samples; their state, 1 kB each, stays in the second-level cache
 constexpr std::uint32_t drawn_count = f32::cloth_dim_lens + 1;
 
-// A bounce has no pixel; it sees as wide a spot as its lobe is wide: half the side of a square of solid angle 1/pdf. So
-// a diffuse bounce averages over repeats of a fabric, which is what it would do with many samples (math.md 10, hazard
-// 18).
-constexpr float bounce_spread_min = 1e-3f, bounce_spread_max = 0.25f;
-
-f32::ClothRay bounce_ray(glm::vec3 origin, glm::vec3 direction, float pdf)
-{
-    const float spread = std::clamp(0.5f / std::sqrt(pdf), bounce_spread_min, bounce_spread_max);
-    const f32::ClothFrame frame = f32::cloth_frame(direction);
-    return {origin, direction, frame.x * spread, frame.y * spread};
-}
-
-float largest(glm::vec3 v)
-{
-    return std::max(v.x, std::max(v.y, v.z));
-}
-
 bool is_good(glm::vec3 radiance)
 {
     return std::min(radiance.x, std::min(radiance.y, radiance.z)) >= 0.0f &&
@@ -356,25 +339,14 @@ void Renderer::bounce(Batch& batch, int depth) const
     for (std::uint32_t k = 0; k < batch.alive_count; ++k) {
         const std::uint32_t lane = batch.alive[k];
         const Vertex& vertex = batch.vertex[lane];
-        const f32::ClothRandom random = batch.random(lane);
-        const f32::ClothSample sample = f32::cloth_shading_sample(
-            vertex.shading, vertex.surface.wo, scene_.model.settings, f32::cloth_draw(random, f32::cloth_dim_lobe),
-            f32::cloth_draw(random, f32::cloth_dim_direction));
-        if (sample.pdf <= 0.0f) continue;
-        const glm::vec3 wi = f32::cloth_to_world(vertex.surface.frame, sample.wi);
-        // As in cloth_direct: both normals must agree on the side.
-        const float side = glm::dot(wi, vertex.surface.normal_g);
-        if (sample.wi.z * side <= 0.0f) continue;
-        glm::vec3& throughput = batch.throughput[lane];
-        throughput *= f32::cloth_shading_value(maps_[vertex.object], vertex.shading, sample.wi, vertex.surface.wo,
-                                               scene_.model.settings) /
-                      sample.pdf;
-        if (!(largest(throughput) > 0.0f)) continue;
-        const glm::vec3 origin =
-            f32::cloth_leave(vertex.surface.position, side > 0.0f ? vertex.surface.normal_g : -vertex.surface.normal_g);
+        const f32::ClothBounce bounce =
+            f32::cloth_bounce(maps_[vertex.object], vertex.surface, vertex.shading, scene_.model.settings,
+                              batch.random(lane), batch.throughput[lane]);
+        if (!bounce.any) continue;
+        batch.throughput[lane] = bounce.throughput;
         // Without fabric nothing has a footprint.
-        batch.ray[lane] = any_fabric_ ? bounce_ray(origin, glm::normalize(wi), sample.pdf)
-                                      : f32::ClothRay{origin, glm::normalize(wi), glm::vec3(0.0f), glm::vec3(0.0f)};
+        batch.ray[lane] = any_fabric_ ? f32::cloth_bounce_ray(bounce)
+                                      : f32::ClothRay{bounce.origin, bounce.wi, glm::vec3(0.0f), glm::vec3(0.0f)};
         batch.alive[alive++] = lane;
     }
     batch.alive_count = alive;
@@ -385,7 +357,7 @@ void Renderer::bounce(Batch& batch, int depth) const
     alive = 0;
     for (std::uint32_t k = 0; k < batch.alive_count; ++k) {
         const std::uint32_t lane = batch.alive[k];
-        const float survive = std::min(largest(batch.throughput[lane]), 0.95f);
+        const float survive = f32::cloth_survival(batch.throughput[lane]);
         if (f32::cloth_draw(batch.random(lane), f32::cloth_dim_pixel).x >= survive) continue;
         batch.throughput[lane] /= survive;
         batch.alive[alive++] = lane;

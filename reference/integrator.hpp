@@ -80,14 +80,14 @@ int aov_channels(unsigned aovs); // of all layers together
 
 struct RenderSettings {
     Integrator integrator = Integrator::path;
-    int max_depth = 32; // surfaces that scatter along a path, at least 1; direct takes 1
-    bool mis = true;    // lights are looked for by BSDF sampling, too; false: the same mean, more noise
+    int max_depth = cloth::f32::cloth_path_depth; // surfaces that scatter along a path, at least 1; direct takes 1
+    bool mis = true; // lights are looked for by BSDF sampling, too; false: the same mean, more noise
     std::uint32_t seed = 0;
     std::uint32_t block_length = 16; // B of the sampling contract, a power of two
     glm::ivec2 resolution{512, 512};
     glm::ivec4 region{0, 0, 512, 512}; // x0, y0, x1, y1: pixels with x0 <= x < x1, y0 <= y < y1
     unsigned aovs = 0;
-    int roulette_start = 3; // bounces that Russian roulette never cuts short
+    int roulette_start = cloth::f32::cloth_roulette_start; // bounces that Russian roulette never cuts short
 
     // Above 0: samples go where they lower the mean relMSE of the picture most, and end where it is expected to be
     // below this (adaptive_aim). In tiles of 16 x 16 pixels, each of which stops by itself; bits are the same for any

@@ -18,7 +18,6 @@ namespace
 {
 
 constexpr int ring_sides = 32;      // of a tube's section: the chords lie at most .5 % of the radius off the circle
-constexpr int roulette_start = 3;   // bounces that are never cut short, as in integrator.cpp
 constexpr int surface_limit = 4096; // surfaces on one ray before it is given up
 constexpr std::uint64_t matte_key = ~std::uint64_t(0); // of what is no yarn
 constexpr float faint = 1e-6f;                         // a shadow ray that brings less brings nothing
@@ -32,11 +31,6 @@ constexpr f32::ClothSettings point_settings{f32::cloth_bsdf_micro,
                                             false,
                                             false,
                                             false};
-
-float largest(glm::vec3 v)
-{
-    return std::max(v.x, std::max(v.y, v.z));
-}
 
 // Start of a ray on the side of n: less than a hundredth of a fibre off the surface, more than float rounds.
 glm::vec3 leave(glm::vec3 position, glm::vec3 n)
@@ -581,23 +575,17 @@ glm::vec3 PlyScene::radiance(const f32::ClothRay& camera_ray, f32::ClothRandom r
     const int light = scene_.objects[first.object].light;
     if (light >= 0) radiance += f32::cloth_emitted(scene_.lights[std::size_t(light)], first.surface.side);
     for (int depth = 1; depth < max_depth; ++depth) {
-        const f32::ClothSample bounce = f32::cloth_shading_sample(vertex.shading, vertex.surface.wo, point_settings,
-                                                                  f32::cloth_draw(random, f32::cloth_dim_lobe),
-                                                                  f32::cloth_draw(random, f32::cloth_dim_direction));
-        if (bounce.pdf <= 0) break;
-        const glm::vec3 wi = f32::cloth_to_world(vertex.surface.frame, bounce.wi);
-        if (bounce.wi.z * glm::dot(wi, vertex.surface.normal_g) <= 0) break;
-        throughput *= f32::cloth_shading_value(maps_[vertex.object], vertex.shading, bounce.wi, vertex.surface.wo,
-                                               point_settings) /
-                      bounce.pdf;
-        if (!(largest(throughput) > 0)) break; // the other side of the lobe, too
+        const f32::ClothBounce bounce =
+            f32::cloth_bounce(maps_[vertex.object], vertex.surface, vertex.shading, point_settings, random, throughput);
+        if (!bounce.any) break;
+        throughput = bounce.throughput;
         random.offset += f32::cloth_dims_per_vertex;
-        if (depth > roulette_start) {
-            const float survive = std::min(largest(throughput), 0.95f);
+        if (depth > f32::cloth_roulette_start) {
+            const float survive = f32::cloth_survival(throughput);
             if (f32::cloth_draw(random, f32::cloth_dim_pixel).x >= survive) break;
             throughput /= survive;
         }
-        const f32::ClothRay ray{from.origin, glm::normalize(wi), glm::vec3(0), glm::vec3(0)};
+        const f32::ClothRay ray{from.origin, bounce.wi, glm::vec3(0), glm::vec3(0)};
         if (!find_vertex(ray, random, from, counters, seen, vertex)) break; // the environment: cloth_direct
         radiance += throughput * direct_light(vertex, from, random, counters);
     }

@@ -22,7 +22,7 @@ struct RenderOptions {
     double time_s = 0.0;       // 0: no limit
     double target_error = 0.0; // 0: no limit
     Integrator integrator = Integrator::direct;
-    int max_depth = 32;
+    int max_depth = cloth::f32::cloth_path_depth;
     bool mis = true;
     ModelOptions model;
     bool plies = false; // --model plies

@@ -183,7 +183,7 @@ def test_a_shader_error_names_file_and_line(tmp_path, sphere):
 @pytest.mark.parametrize("arguments", [
     ["--no-such-option"], ["--frames", "0"], ["--frames", "-1"], ["--frames", "nan"], ["--frames", "two"], ["--time", "nan"],
     ["--time", "-1"], ["--target-error", "0"], ["--resolution", "0,5"], ["--resolution", "64"], ["--resolution", "64,64x"],
-    ["--resolution", "99999,1"], ["--backend", "glx"], ["--integrator", "path"], ["--integrator", "foo"], ["--bsdf", "macro"],
+    ["--resolution", "99999,1"], ["--backend", "glx"], ["--max-depth", "0"], ["--integrator", "foo"], ["--bsdf", "macro"],
     ["--mode", "theirs"], ["--visibility", "shadows"], ["--footprint-samples", "0"], ["--seed", "-1"], ["--exit-after-frames", "3"],
     ["-o", "a.jpg"],
 ], ids="=".join)

@@ -50,15 +50,15 @@ TEN = {
 }
 
 
-def pictures(folder, name, scene, samples, size):
-    """The two pictures of a scene, {channel: pixels}, each with seed and random numbers of its own."""
+def pictures(folder, name, scene, samples, size, integrator="direct", *options):
+    """The two pictures of a scene, {channel: pixels}, each with seed and random numbers of its own. options: of both programs."""
     path = folder / f"{name}.json"
     path.write_text(json.dumps(scene))
-    common = ["--resolution", f"{size},{size}", "-q", "-o"]
+    common = ["--integrator", integrator, *options, "--resolution", f"{size},{size}", "-q", "-o"]
     preview, reference = folder / f"{name}-preview.exr", folder / f"{name}-reference.exr"
     points = 1 if all(each.get("shape") == "plane" for each in scene["objects"]) else 4
     for command in ([evaluate.BIN / "selvedge-lookdev", path, "--headless", "--frames", samples // points, "--footprint-samples", points, *common, preview],
-                    [evaluate.BIN / "selvedge-render", path, "--integrator", "direct", "--spp", samples, "--seed", 7, *common, reference]):
+                    [evaluate.BIN / "selvedge-render", path, "--spp", samples, "--seed", 7, *common, reference]):
         done = subprocess.run([*map(str, command)], capture_output=True, text=True, timeout=600)
         assert done.returncode == 0, done.stderr
     result = []

@@ -14,7 +14,7 @@ namespace selvedge
 // What an edit asks for, from cheap to dear.
 struct Edits {
     bool view = false;     // exposure and such: show again
-    bool settings = false; // BSDF, mode, samples a frame
+    bool settings = false; // BSDF, mode, samples a frame, paths
     bool lights = false;
     bool yarns = false;    // of `fabric`: shade_yarns() is enough
     bool geometry = false; // of `fabric`: bake
@@ -33,7 +33,9 @@ void draw_light_panel(LightPanel& panel, Scene& scene, Edits& edits, float& turn
 struct ViewPanel {
     cloth::f32::ClothSettings settings{};
     int footprint_samples = 1;
-    int divisor = 1; // window pixels along a side of one picture pixel
+    bool paths = false;                           // light that bounces, too
+    int max_depth = cloth::f32::cloth_path_depth; // surfaces along a path
+    int divisor = 1;                              // window pixels along a side of one picture pixel
     bool coarse_while_moving = true;
     int sample_limit = 4096; // then the window rests
     bool paused = false;

@@ -25,6 +25,10 @@ void draw_view_panel(ViewPanel& panel, const ViewStatus& status, float& exposure
     edits.settings |= ImGui::Checkbox("twist noise", &panel.settings.twist_noise);
     edits.settings |=
         ImGui::SliderInt("samples a frame", &panel.footprint_samples, 1, 16, "%d", ImGuiSliderFlags_AlwaysClamp);
+    edits.settings |= ImGui::Checkbox("light that bounces", &panel.paths);
+    if (panel.paths)
+        edits.settings |= ImGui::SliderInt("surfaces", &panel.max_depth, 2, 1024, "%d along a path",
+                                           ImGuiSliderFlags_Logarithmic | ImGuiSliderFlags_AlwaysClamp);
     int divisor = panel.divisor == 1 ? 0 : panel.divisor == 2 ? 1 : 2;
     if (ImGui::Combo("resolution", &divisor, "full\0half\0quarter\0")) panel.divisor = 1 << divisor;
     ImGui::Checkbox("coarser while moving", &panel.coarse_while_moving);

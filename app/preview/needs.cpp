@@ -139,13 +139,14 @@ static bool in_front_of_any(const Scene& scene, glm::dvec3 point)
 
 const std::vector<std::string>& skip_names()
 {
-    static const std::vector<std::string> names = {"emitters", "fabric", "gaps",  "interreflection", "lights",
-                                                   "matte",    "metal",  "model", "noise",           "shadows"};
+    static const std::vector<std::string> names = {"bounces",         "emitters", "fabric", "gaps",
+                                                   "interreflection", "lights",   "matte",  "metal",
+                                                   "model",           "noise",    "shadows"};
     return names;
 }
 
 Needs Needs::of(const Scene& scene, const BlockingShape& shape, const CameraSpec& camera, int footprint_samples,
-                const std::set<std::string>& kept)
+                int max_depth, const std::set<std::string>& kept)
 {
     Needs needs;
     const auto left_out = [&](const char* name, bool possible) {
@@ -193,6 +194,9 @@ Needs Needs::of(const Scene& scene, const BlockingShape& shape, const CameraSpec
     needs.shadows = shape.planar || fronts_alone ? ShadowNeed::none
                     : shape.convex               ? ShadowNeed::inward
                                                  : ShadowNeed::all;
+    // Where nothing is in the way of any light that leaves a surface, that light meets no second one.
+    const bool paths = max_depth > 1;
+    needs.bounces = paths && !left_out("bounces", needs.shadows == ShadowNeed::none);
     if (!left_out("shadows", needs.shadows != ShadowNeed::all)) needs.shadows = ShadowNeed::all;
     return needs;
 }
@@ -225,7 +229,8 @@ std::vector<std::string> Needs::defines() const
                                                   {"EMITTERS", emitters},
                                                   {"ONE_LIGHT", one_light},
                                                   {"SHADOWS", shadows != ShadowNeed::none},
-                                                  {"CONVEX", shadows == ShadowNeed::inward}};
+                                                  {"CONVEX", shadows == ShadowNeed::inward},
+                                                  {"BOUNCES", bounces}};
     for (const auto& [name, needed] : parts)
         if (needed) list.emplace_back(name);
     return list;

@@ -39,11 +39,14 @@ struct Needs {
     bool one_light = false;     // none has to be chosen
     cloth::f32::ClothSettings model{};
     ShadowNeed shadows = ShadowNeed::all;
+    bool bounces = false;                // paths go on to a second surface
     std::map<std::string, bool> skipped; // name -> left out
 
-    // kept  names of skip_names() that are not to be left out
+    // max_depth  surfaces along a path, 1: direct light alone
+    // kept       names of skip_names() that are not to be left out
     static Needs of(const Scene& scene, const BlockingShape& shape, const CameraSpec& camera, int footprint_samples,
-                    const std::set<std::string>& kept);
+                    int max_depth, const std::set<std::string>& kept);
+    bool traces_rays() const { return shadows != ShadowNeed::none || bounces; }
     // The definitions of the shaders: the model's, and all.
     std::vector<std::string> model_defines() const;
     std::vector<std::string> defines() const;

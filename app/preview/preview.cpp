@@ -22,7 +22,7 @@ Preview::Preview(const Scene& from, const GlInfo& gl_info, glm::ivec2 resolution
 
 void Preview::find_needs()
 {
-    needs = Needs::of(scene, shape, camera, options.footprint_samples, options.kept);
+    needs = Needs::of(scene, shape, camera, options.footprint_samples, options.max_depth, options.kept);
     passes.choose(needs);
 }
 
@@ -30,9 +30,9 @@ void Preview::set_camera(const CameraSpec& wanted)
 {
     remember();
     camera = wanted;
-    const ShadowNeed before = needs.shadows;
+    const bool traced = needs.traces_rays();
     find_needs();
-    if ((needs.shadows == ShadowNeed::none) != (before == ShadowNeed::none)) buffers.upload_bvh(scene, needs);
+    if (needs.traces_rays() != traced) buffers.upload_bvh(scene, needs);
     update_near_plane();
     begin_again();
 }
@@ -162,7 +162,8 @@ bool Preview::draw_frame()
     frame.camera_right = glm::vec4(eye.right, 1 / glm::dot(eye.right, eye.right));
     frame.camera_up = glm::vec4(eye.up, 1 / glm::dot(eye.up, eye.up));
     frame.film = glm::vec4(eye.resolution, offset);
-    frame.random = glm::uvec4(block_seed, index, static_cast<std::uint32_t>(options.footprint_samples), 0);
+    frame.random = glm::uvec4(block_seed, index, static_cast<std::uint32_t>(options.footprint_samples),
+                              static_cast<std::uint32_t>(options.max_depth));
     frame.depth = glm::ivec4(info.clip_control ? 1 : 0, 0, 0, 0);
     frame.lights = glm::ivec4(static_cast<int>(scene.lights.size()), scene.environment.size, buffers.node_count);
     const ClothSettings& model = needs.model;

@@ -20,6 +20,7 @@ namespace selvedge
 struct PreviewOptions {
     std::uint32_t seed = 0;
     int footprint_samples = 1;  // shaded points of each pixel in a frame, [1, 64]
+    int max_depth = 1;          // surfaces that scatter along a path, 1: direct light alone
     bool reproject = true;      // while the view moves, what earlier views showed is shown at its new place
     std::set<std::string> kept; // parts of skip_names() that are done whether the scene needs them or not
     std::uint32_t planned = 0;  // frames that will be drawn, 0 when nobody knows: decides the length of a block
@@ -84,7 +85,7 @@ class Preview
     std::size_t buffer_bytes() const { return buffers.bytes(); }
 
   private:
-    // What the scene needs now; uploads and compiles nothing but what shadow rays walk, where that has changed.
+    // What the scene needs now; uploads and compiles nothing but what rays walk, where that has changed.
     void find_needs();
     void remember();
     void begin_again(); // with the next frame accumulates from nothing; until then the last picture is shown

@@ -218,7 +218,7 @@ void SceneBuffers::upload_lights(const Scene& scene)
 void SceneBuffers::upload_bvh(const Scene& scene, const Needs& needs)
 {
     static_assert(sizeof(BvhNode) == 32, "two texels a node");
-    const Bvh bvh = needs.shadows == ShadowNeed::none ? Bvh{} : build_bvh(scene);
+    const Bvh bvh = needs.traces_rays() ? build_bvh(scene) : Bvh{};
     node_count = static_cast<int>(checked(bvh.nodes.size()));
     bvh_nodes.upload(GL_RGBA32UI, 16, bvh.nodes.data(), bytes_of(bvh.nodes), "BVH nodes", info);
     std::vector<glm::uvec4> table;

@@ -24,7 +24,7 @@ class SceneBuffers
     void upload_yarns(const Scene& scene);                       // same count as before
     void upload_fabrics(const Scene& scene, const Needs& needs); // maps, yarns, and the objects' references to them
     void upload_lights(const Scene& scene);                      // lights and environment
-    void upload_bvh(const Scene& scene, const Needs& needs);     // what shadow rays walk
+    void upload_bvh(const Scene& scene, const Needs& needs);     // what rays walk
 
     void bind_textures() const;
     void bind_object(std::size_t index) const; // vertex array of an object

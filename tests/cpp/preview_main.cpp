@@ -7,7 +7,7 @@
 //   light INDEX R G B            radiance of a light;  yarn INDEX R G B  albedo of all yarn types of a fabric
 //   model KEY VALUE              bsdf, weight, visibility, ...: numbers of ClothSettings
 //   resize WIDTH HEIGHT          either may be 0
-//   reproject 0|1
+//   reproject 0|1;  max-depth N  surfaces along a path
 //   now                          waits for the driver and prints seconds since the last `now`
 #include <chrono>
 #include <cstdio>
@@ -108,6 +108,9 @@ void drive(Scene& scene, Preview& preview, PreviewOptions& options)
             preview.resize(size);
         } else if (verb == "reproject") {
             words >> options.reproject;
+            preview.set_options(options);
+        } else if (verb == "max-depth") {
+            words >> options.max_depth;
             preview.set_options(options);
         } else if (verb == "now") {
             gl.Finish();
