@@ -8,6 +8,7 @@
 //   model KEY VALUE              bsdf, weight, visibility, ...: numbers of ClothSettings
 //   resize WIDTH HEIGHT          either may be 0
 //   reproject 0|1
+//   target SEED ERROR            starts anew; tiles end by themselves at that error
 //   now                          waits for the driver and prints seconds since the last `now`
 #include <chrono>
 #include <cstdio>
@@ -108,6 +109,9 @@ void drive(Scene& scene, Preview& preview, PreviewOptions& options)
             preview.resize(size);
         } else if (verb == "reproject") {
             words >> options.reproject;
+            preview.set_options(options);
+        } else if (verb == "target") {
+            words >> options.seed >> options.target_error;
             preview.set_options(options);
         } else if (verb == "now") {
             gl.Finish();
