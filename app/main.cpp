@@ -160,7 +160,8 @@ LookdevOptions parse_options(int argc, char** argv, bool& done)
         if (!stops) throw UsageError("--headless without an end, expected --frames, --time or --target-error");
         if (options.exit_after_frames > 0 || !options.screenshot.empty())
             throw UsageError("--exit-after-frames and --screenshot are for the window, found --headless");
-    } else if (options.frames > 0 || options.time_s > 0 || !options.outputs.empty() || options.json || backend != "auto") {
+    } else if (options.frames > 0 || options.time_s > 0 || !options.outputs.empty() || options.json ||
+               backend != "auto") {
         throw UsageError("-o, --frames, --time, --backend and --json need --headless");
     }
     for (const std::string& path : options.outputs) check_result_path(path);

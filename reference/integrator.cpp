@@ -649,12 +649,11 @@ void Renderer::judge(RenderState& state) const
     }
     for (TileSpread& spread : spreads)
         for (double& variance : spread.variance) variance /= std::max(spread.count, 1.0);
-    const TileStops stops = judge_tiles(state.tiles, spreads, state.pilot, state.samples, std::uint32_t(blocks),
-                                        settings_.target_error);
+    const TileStops stops =
+        judge_tiles(state.tiles, spreads, state.pilot, state.samples, std::uint32_t(blocks), settings_.target_error);
     for (std::size_t at = 0; at < state.pixels.size(); ++at)
         for (int half = 0; half < 2; ++half)
-            if (stops.half[half][tile_of(at)])
-                state.kept[2 * at + std::size_t(half)] = state.pixels[at].total[half];
+            if (stops.half[half][tile_of(at)]) state.kept[2 * at + std::size_t(half)] = state.pixels[at].total[half];
 }
 
 bool Renderer::finished(const RenderState& state) const

@@ -49,8 +49,8 @@ class Passes
     //   throws  InputError where nothing ever compiled
     bool prepare(const SceneBuffers& buffers);
     void set_frame(const block::Frame& frame);
-    // From now on only these tiles of a picture of that size are drawn (row by row, reference/adaptive.hpp); one at least;
-    // only where tiles end by themselves.
+    // From now on only these tiles of a picture of that size are drawn (row by row, reference/adaptive.hpp); one at
+    // least; only where tiles end by themselves.
     void set_tiles(glm::ivec2 size, const std::vector<bool>& drawn);
 
     void visibility(Targets& targets, const SceneBuffers& buffers);

@@ -173,7 +173,8 @@ std::size_t Preview::tiles_done() const
 std::uint64_t Preview::samples() const
 {
     const glm::ivec2 size = targets.size(), count = targets.tiles();
-    if (stale || tiles.empty()) return std::uint64_t{frames()} * static_cast<std::uint64_t>(size.x) * static_cast<std::uint64_t>(size.y);
+    if (stale || tiles.empty())
+        return std::uint64_t{frames()} * static_cast<std::uint64_t>(size.x) * static_cast<std::uint64_t>(size.y);
     std::uint64_t sum = 0;
     for (int y = 0; y < count.y; ++y)
         for (int x = 0; x < count.x; ++x) {

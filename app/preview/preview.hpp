@@ -62,8 +62,9 @@ class Preview
     // Tells, while the first block is unfinished, how many frames there will be: sets the length of blocks.
     void plan(std::uint32_t planned);
 
-    // Adds one sample to every pixel, but for tiles that have reached the target error. Where a shader does not compile, though one did before (reload_shaders() tells),
-    // nothing is drawn, and the last good picture stays on show.
+    // Adds one sample to every pixel, but for tiles that have reached the target error. Where a shader does not
+    // compile, though one did before (reload_shaders() tells), nothing is drawn, and the last good picture stays on
+    // show.
     //   return  whether it was drawn
     //   throws  InputError: a shader that never compiled
     bool draw_frame();

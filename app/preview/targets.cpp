@@ -212,9 +212,9 @@ void Targets::bind_past() const
 void Targets::bind_textures(int half) const
 {
     const Blocks& own = blocks[current[half]];
-    const std::pair<const char*, GLuint> textures[] = {{"id_map", *ids},         {"block_sum", *sum},
-                                                       {"mean_map", *own.mean},  {"spread_map", *own.spread},
-                                                       {"rest_map", *own.rest},  {"carried_map", *carried}};
+    const std::pair<const char*, GLuint> textures[] = {{"id_map", *ids},        {"block_sum", *sum},
+                                                       {"mean_map", *own.mean}, {"spread_map", *own.spread},
+                                                       {"rest_map", *own.rest}, {"carried_map", *carried}};
     for (const auto& [name, texture] : textures) bind_texture(name, texture);
     if (!kept) return;
     const Blocks& odd = blocks[current[1]];
@@ -236,7 +236,9 @@ static void read_framebuffer(GLuint framebuffer, bool second, glm::ivec2 size, f
 void Targets::read(Picture which, int half, float* pixels) const
 {
     const bool of_kept = which == Picture::kept || which == Picture::kept_noise;
-    const GLuint framebuffer = which == Picture::sum ? *sum_buffer : of_kept ? *kept_buffer : *blocks[current[half]].buffer;
+    const GLuint framebuffer = which == Picture::sum ? *sum_buffer
+                               : of_kept             ? *kept_buffer
+                                                     : *blocks[current[half]].buffer;
     read_framebuffer(framebuffer, which == Picture::spread || which == Picture::kept_noise, extent, pixels);
 }
 

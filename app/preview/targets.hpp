@@ -13,8 +13,8 @@ namespace selvedge
 
 // All pictures have row 0 at the top of the image.
 //
-// Where tiles end by themselves (reference/adaptive.hpp) there are two halves, even and odd blocks, each with a mean, spread
-// and rest of its own, and what finished tiles keep; else one half holds all blocks.
+// Where tiles end by themselves (reference/adaptive.hpp) there are two halves, even and odd blocks, each with a mean,
+// spread and rest of its own, and what finished tiles keep; else one half holds all blocks.
 class Targets
 {
   public:
@@ -32,14 +32,14 @@ class Targets
     void begin_carry();    // binds what is found again
     void bind_past() const;
 
-    void begin_visibility();   // binds identities and depth, cleared: 0, infinitely far
-    void begin_uncover();      // likewise, not cleared but covered: nothing is drawn where depth is not set back
-    void end_uncover();        // from now on what is nearer is drawn
-    void begin_shade();        // binds the sum; what is drawn is added
-    void begin_merge();        // binds a mean, spread and rest that no half has
-    void end_merge(int half);  // gives them to the half
-    void begin_keep();         // binds what finished tiles keep; what is drawn is added
-    void begin_judge();        // binds the picture of tiles, of size tiles()
+    void begin_visibility();  // binds identities and depth, cleared: 0, infinitely far
+    void begin_uncover();     // likewise, not cleared but covered: nothing is drawn where depth is not set back
+    void end_uncover();       // from now on what is nearer is drawn
+    void begin_shade();       // binds the sum; what is drawn is added
+    void begin_merge();       // binds a mean, spread and rest that no half has
+    void end_merge(int half); // gives them to the half
+    void begin_keep();        // binds what finished tiles keep; what is drawn is added
+    void begin_judge();       // binds the picture of tiles, of size tiles()
     // Binds identities, sum and the half's mean, spread and rest for the shaders, and of tiles also the odd half's.
     void bind_textures(int half = 0) const;
 
@@ -59,9 +59,9 @@ class Targets
 
     glm::ivec2 extent{0};
     GlName ids, depth, sum;
-    std::vector<Blocks> blocks;                      // of each half, in any order, and one to draw the next ones to
-    std::size_t current[2] = {0, 0}, spare = 1;      // index of each half's, and of the one to draw to
-    GlName kept, kept_noise, tile_spread;            // nothing where tiles do not end by themselves
+    std::vector<Blocks> blocks;                 // of each half, in any order, and one to draw the next ones to
+    std::size_t current[2] = {0, 0}, spare = 1; // index of each half's, and of the one to draw to
+    GlName kept, kept_noise, tile_spread;       // nothing where tiles do not end by themselves
     GlName past_picture, past_place, carried;
     glm::ivec2 past_extent{0}, carried_extent{0};
     GlName visibility_buffer, sum_buffer, kept_buffer, tile_buffer, past_buffer, carried_buffer;
