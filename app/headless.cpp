@@ -82,11 +82,20 @@ double quantile(std::vector<double> values, double q)
     return values[static_cast<std::size_t>(rank)];
 }
 
+// Blocks are as long as the number of frames allows, at least 16 of them; where the error ends the work,
+// adaptive_planned() does.
+//   in_time  frames that the time allows; 0: nobody knows
+std::uint32_t planned_frames(const LookdevOptions& options, std::uint32_t in_time)
+{
+    const std::uint32_t frames =
+        options.frames > 0 && in_time > 0 ? std::min(options.frames, in_time) : std::max(options.frames, in_time);
+    return options.target_error > 0 ? adaptive_planned(frames) : frames;
+}
+
 // Draws frames until one of the ends is reached, one at least. Returns which.
 const char* draw_frames(Preview& preview, const LookdevOptions& options, Pace& pace, bool progress)
 {
     const Clock::time_point start = Clock::now();
-    std::uint32_t blocks_judged = 0;
     double last_line = 0;
     const char* stopped_by = "signal";
     while (!interrupted) {
@@ -100,7 +109,7 @@ const char* draw_frames(Preview& preview, const LookdevOptions& options, Pace& p
         if (options.time_s > 0 && frames == 3) {
             const double fit = std::clamp(options.time_s * 1e3 / std::max(pace.milliseconds.back(), 1e-3), 1.0, 1e7);
             const auto in_time = static_cast<std::uint32_t>(fit);
-            preview.plan(options.frames > 0 ? std::min(options.frames, in_time) : in_time);
+            preview.plan(planned_frames(options, in_time));
         }
         if (progress && seconds - last_line > 0.25) {
             std::fprintf(stderr, "\r%u frames, %.1f s", frames, seconds);
@@ -114,14 +123,9 @@ const char* draw_frames(Preview& preview, const LookdevOptions& options, Pace& p
             stopped_by = "time";
             break;
         }
-        // Reading the picture waits for the driver: after 4 blocks, then at a quarter more each time.
-        const std::uint32_t blocks = frames / preview.block_length();
-        if (options.target_error > 0 && blocks >= 4 && blocks > blocks_judged + blocks_judged / 4) {
-            blocks_judged = blocks;
-            if (error_estimate(result_of(preview.read())) <= options.target_error) {
-                stopped_by = "error";
-                break;
-            }
+        if (preview.finished()) {
+            stopped_by = "error";
+            break;
         }
     }
     pace.finish();
@@ -146,9 +150,8 @@ int run_headless(const LookdevOptions& options)
     preview_options.footprint_samples = options.footprint_samples;
     preview_options.max_depth = options.paths ? options.max_depth : 1;
     preview_options.kept = options.kept;
-    // Blocks are as long as the number of frames allows, at least 16 of them; where only the error is known, 16 frames
-    // a block; where only the time is known, draw_frames() finds out.
-    preview_options.planned = options.frames > 0 ? options.frames : options.target_error > 0 ? 256 : 0;
+    preview_options.target_error = options.target_error;
+    preview_options.planned = planned_frames(options, 0); // where only the time is known, draw_frames() finds out
     Preview preview(scene, context->info, scene.film.resolution, preview_options);
     gl.Finish();
     const double seconds_build = seconds_since(build_start);
@@ -179,8 +182,9 @@ int run_headless(const LookdevOptions& options)
 
     const auto pixels = static_cast<std::uint64_t>(result.width) * static_cast<std::uint64_t>(result.height);
     const double median = quantile(pace.milliseconds, 0.5);
-    // Two blocks at least: below, the variances are 0 and say nothing.
-    const bool estimated = preview.frames() / preview.block_length() >= 2;
+    // Two blocks of a half at least: below, the variances are 0 and say nothing.
+    const bool tiled = preview.tile_count() > 0;
+    const bool estimated = preview.frames() / preview.block_length() >= (tiled ? 4 : 2);
     if (options.json) {
         rusage usage{};
         getrusage(RUSAGE_SELF, &usage);
@@ -196,10 +200,10 @@ int run_headless(const LookdevOptions& options)
             {"resolution", {result.width, result.height}},
             {"integrator", integrator},
             {"model", model_json(scene.model)},
-            {"samples", pixels * preview.frames()},
-            {"spp_mean", preview.frames()},
+            {"samples", preview.samples()},
+            {"spp_mean", static_cast<double>(preview.samples()) / static_cast<double>(pixels)},
             {"block_length", preview.block_length()},
-            {"samples_per_second", static_cast<double>(pixels * preview.frames()) / std::max(seconds_render, 1e-9)},
+            {"samples_per_second", static_cast<double>(preview.samples()) / std::max(seconds_render, 1e-9)},
             {"rays", nullptr}, // nobody counts them in a shader
             {"error_estimate", estimated ? nlohmann::json(error_estimate(result)) : nlohmann::json()},
             {"stopped_by", stopped_by},
@@ -210,6 +214,10 @@ int run_headless(const LookdevOptions& options)
             {"gl",
              {{"renderer", context->info.renderer}, {"version", context->info.version}, {"backend", context->backend}}},
             {"frames", preview.frames()},
+            {"tiles", tiled ? nlohmann::json{{"side", tile_side},
+                                             {"count", preview.tile_count()},
+                                             {"stopped", preview.tiles_done()}}
+                            : nlohmann::json()},
             {"footprint_samples", options.footprint_samples},
             {"milliseconds_per_frame", {{"median", median}, {"p95", quantile(pace.milliseconds, 0.95)}}},
             {"features", preview.features()},

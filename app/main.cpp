@@ -86,7 +86,8 @@ LookdevOptions parse_options(int argc, char** argv, bool& done)
     app.add_option("--frames", options.frames, "headless: stop after N frames (one sample of every pixel each)")
         ->check(between(1, 16777216));
     app.add_option("--time", options.time_s, "headless: stop after SECONDS of rendering")->check(between(1e-3, 1e9));
-    app.add_option("--target-error", options.target_error, "headless: stop at this estimated relMSE")
+    app.add_option("--target-error", options.target_error,
+                   "stop at this estimated relMSE, tile by tile (window: default what a display cannot show)")
         ->check(between(1e-12, 1e6));
     app.add_option("--resolution", resolution, "WIDTH,HEIGHT instead of the scene's");
     app.add_option("--backend", backend, "headless: auto (EGL, then OSMesa), egl, osmesa");
@@ -151,8 +152,9 @@ LookdevOptions parse_options(int argc, char** argv, bool& done)
         if (!stops) throw UsageError("--headless without an end, expected --frames, --time or --target-error");
         if (options.exit_after_frames > 0 || !options.screenshot.empty())
             throw UsageError("--exit-after-frames and --screenshot are for the window, found --headless");
-    } else if (stops || !options.outputs.empty() || options.json || backend != "auto") {
-        throw UsageError("-o, --frames, --time, --target-error, --backend and --json need --headless");
+    } else if (options.frames > 0 || options.time_s > 0 || !options.outputs.empty() || options.json ||
+               backend != "auto") {
+        throw UsageError("-o, --frames, --time, --backend and --json need --headless");
     }
     for (const std::string& path : options.outputs) check_result_path(path);
     if (options.screenshot.empty()) options.screenshot = "selvedge.png";

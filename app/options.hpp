@@ -34,7 +34,7 @@ struct LookdevOptions {
     std::vector<std::string> outputs;
     std::uint32_t frames = 0; // 0: not given, likewise time and target_error
     double time_s = 0;
-    double target_error = 0;
+    double target_error = 0; // of the window, too
     Backend backend = Backend::automatic;
 
     // window

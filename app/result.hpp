@@ -15,7 +15,7 @@ inline RenderResult result_of(const PreviewImage& image)
         result.mean[k] = glm::vec3(image.mean[k]);
         result.variance[k] = glm::vec3(image.variance[k]);
         result.alpha[k] = image.mean[k].w;
-        result.samples[k] = image.frames;
+        result.samples[k] = image.samples[k];
     }
     return result;
 }

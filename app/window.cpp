@@ -27,6 +27,10 @@ namespace
 
 using Clock = std::chrono::steady_clock;
 
+// relMSE of a picture that a display with 8 bits cannot tell from the true one: noise of half a code value where the
+// display transform is steepest for relMSE's weights, in black, 12.92 (slope of sRGB) * sqrt(0.01) = 1.292.
+constexpr double display_error = (0.5 / 255 / 1.292) * (0.5 / 255 / 1.292);
+
 double seconds_between(Clock::time_point from, Clock::time_point to)
 {
     return std::chrono::duration<double>(to - from).count();
@@ -130,7 +134,7 @@ class Window
         std::uint32_t drawn = 0;
         while (!glfwWindowShouldClose(handle)) {
             const bool sizeless = window_size().x < 1 || window_size().y < 1; // iconified, or drawn to nothing
-            const bool rests = sizeless || view.paused || blocked ||
+            const bool rests = sizeless || view.paused || blocked || preview->finished() ||
                                preview->frames() >= static_cast<std::uint32_t>(view.sample_limit);
             if (sizeless || (rests && awake == 0))
                 glfwWaitEventsTimeout(1.0); // only to look for saved shaders
@@ -207,6 +211,9 @@ class Window
         wanted.footprint_samples = view.footprint_samples;
         wanted.max_depth = view.paths ? view.max_depth : 1;
         wanted.kept = options.kept;
+        wanted.target_error = options.target_error > 0 ? options.target_error : display_error;
+        // Where less than a display can show is asked for, soon; else the longest blocks, whose samples lie best.
+        wanted.planned = options.target_error > 0 ? adaptive_planned(0) : 0;
         return wanted;
     }
 
@@ -348,6 +355,7 @@ class Window
             if (ImGui::Begin("Selvedge")) {
                 ImGui::PushItemWidth(-110);
                 status.frames = preview->frames();
+                status.done = static_cast<double>(preview->tiles_done()) / static_cast<double>(preview->tile_count());
                 status.resolution = preview->resolution();
                 draw_view_panel(view, status, exposure, edits);
                 draw_light_panel(light_panel, scene, edits, turned);

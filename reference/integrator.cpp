@@ -24,7 +24,6 @@ namespace f32 = cloth::f32;
 namespace
 {
 
-constexpr int tile_side = 16;
 constexpr int layer_limit = 1024;         // sheets that a ray passes through before it is given up
 constexpr std::uint32_t batch_size = 128; // samples; their state, 1 kB each, stays in the second-level cache
 constexpr std::uint32_t drawn_count = f32::cloth_dim_lens + 1;
@@ -607,8 +606,7 @@ void Renderer::judge(RenderState& state) const
 {
     const double blocks = double(state.samples / (2 * std::uint64_t(settings_.block_length)));
     const double length = double(settings_.block_length);
-    std::vector<glm::dvec2> variance(state.tiles.size(), glm::dvec2(0.0)); // of a sample, relative, by half
-    std::vector<double> count(state.tiles.size(), 0.0);
+    std::vector<TileSpread> spreads(state.tiles.size());
     for (std::size_t at = 0; at < state.pixels.size(); ++at) {
         const std::size_t tile = tile_of(at);
         if (state.tiles[tile].done()) continue;
@@ -617,41 +615,22 @@ void Renderer::judge(RenderState& state) const
             const glm::dvec3 mean = sums.total[half] / (blocks * length);
             const glm::dvec3 spread =
                 length * block_variance(sums.total[half], sums.squares[half], blocks, settings_.block_length);
-            for (int c = 0; c < 3; ++c) variance[tile][half] += spread[c] / (mean[c] * mean[c] + 0.01);
+            for (int c = 0; c < 3; ++c) spreads[tile].variance[half] += spread[c] / (mean[c] * mean[c] + 0.01);
         }
-        count[tile] += 3.0;
+        spreads[tile].count += 3.0;
     }
-    for (std::size_t tile = 0; tile < variance.size(); ++tile)
-        if (count[tile] > 0.0) variance[tile] /= count[tile];
-    if (state.pilot[0] == 0.0) { // nothing has stopped yet
-        double all = 0.0;
-        for (std::size_t tile = 0; tile < variance.size(); ++tile) {
-            for (int half = 0; half < 2; ++half) state.pilot[half] += count[tile] * std::sqrt(variance[tile][half]);
-            all += count[tile];
-        }
-        for (double& pilot : state.pilot) pilot = std::max(pilot / all, std::numeric_limits<double>::min());
-    }
-    std::vector<bool> stops[2] = {std::vector<bool>(state.tiles.size()), std::vector<bool>(state.tiles.size())};
-    for (std::size_t tile = 0; tile < state.tiles.size(); ++tile) {
-        if (state.tiles[tile].done()) continue;
-        for (int half = 0; half < 2; ++half) {
-            const bool enough = double(state.samples) * adaptive_aim * settings_.target_error >=
-                                state.pilot[half] * std::sqrt(variance[tile][half]);
-            if (enough && state.tiles[tile].kept[1 - half] == 0) stops[1 - half][tile] = true;
-        }
-    }
+    for (TileSpread& spread : spreads)
+        for (double& variance : spread.variance) variance /= std::max(spread.count, 1.0);
+    const TileStops stops =
+        judge_tiles(state.tiles, spreads, state.pilot, state.samples, std::uint32_t(blocks), settings_.target_error);
     for (std::size_t at = 0; at < state.pixels.size(); ++at)
         for (int half = 0; half < 2; ++half)
-            if (stops[half][tile_of(at)]) state.kept[2 * at + std::size_t(half)] = state.pixels[at].total[half];
-    for (std::size_t tile = 0; tile < state.tiles.size(); ++tile)
-        for (int half = 0; half < 2; ++half)
-            if (stops[half][tile]) state.tiles[tile].kept[half] = std::uint32_t(blocks);
+            if (stops.half[half][tile_of(at)]) state.kept[2 * at + std::size_t(half)] = state.pixels[at].total[half];
 }
 
 bool Renderer::finished(const RenderState& state) const
 {
-    return !state.tiles.empty() &&
-           std::all_of(state.tiles.begin(), state.tiles.end(), [](const TileState& tile) { return tile.done(); });
+    return !state.tiles.empty() && all_done(state.tiles);
 }
 
 PixelEstimate Renderer::pixel_estimate(const RenderState& state, std::size_t pixel) const
@@ -659,7 +638,6 @@ PixelEstimate Renderer::pixel_estimate(const RenderState& state, std::size_t pix
     const PixelSums& sums = state.pixels[pixel];
     const std::uint64_t pair = 2 * std::uint64_t(settings_.block_length);
     if (state.tiles.empty() || state.samples < pair) return estimate(sums, state.samples, settings_.block_length);
-    // Each half counts for one half, however long it is: weights that depended on the samples would bring a bias.
     const TileState& tile = state.tiles[tile_of(pixel)];
     const std::uint64_t blocks = tile.samples / settings_.block_length;
     PixelEstimate result;

@@ -7,6 +7,7 @@
 #include <string>
 #include <vector>
 
+#include "reference/adaptive.hpp"
 #include "reference/film.hpp"
 #include "reference/plies.hpp"
 #include "reference/rays.hpp"
@@ -89,28 +90,9 @@ struct RenderSettings {
     unsigned aovs = 0;
     int roulette_start = cloth::f32::cloth_roulette_start; // bounces that Russian roulette never cuts short
 
-    // Above 0: samples go where they lower the mean relMSE of the picture most, and end where it is expected to be
-    // below this (adaptive_aim). In tiles of 16 x 16 pixels, each of which stops by itself; bits are the same for any
-    // threads and steps, but a region, whose tiles and mean are others, stops at other counts than the picture does.
-    //
-    // The mean stays unbiased: even and odd blocks of samples are independent halves, and each half's length is decided
-    // by what the other one has seen alone. With v a tile's mean of (variance of a sample) / (mean^2 + 0.01), the least
-    // total for an error E is n = sqrt(v) M / E samples, M the mean of sqrt(v) over the picture; M is that of the first
-    // adaptive_pilot blocks, later v are those of all blocks so far. A half that has come to its end while the other
-    // one goes on is still sampled, to let the other one decide; those samples are left out of the mean.
+    // Above 0: adaptive sampling (adaptive.hpp). Bits are the same for any threads and steps, but a region, whose tiles
+    // and mean are others, stops at other counts than the picture does.
     double target_error = 0.0;
-};
-
-inline constexpr std::uint32_t adaptive_pilot = 4; // blocks of each half before the first decision
-// Error that sampling aims for, over the one that was asked for: roots of four blocks' variances are low by about 1/12
-// in pixels that stand alone, and M with them; the picture must not miss what was asked for.
-inline constexpr double adaptive_aim = 0.85;
-
-// Adaptive sampling of one tile.
-struct TileState {
-    std::uint64_t samples = 0;      // per pixel
-    std::uint32_t kept[2] = {0, 0}; // blocks of each half that the mean consists of; 0: not decided
-    bool done() const { return kept[0] > 0 && kept[1] > 0; }
 };
 
 // Everything that a step of rendering changes.

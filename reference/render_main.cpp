@@ -151,7 +151,7 @@ std::string owner_text(const RenderOptions& options, const Scene& scene, const R
 }
 
 // Blocks are as long as the number of samples allows, at least 16 of them. Where only the time is known, the first
-// sample tells how many fit; where only the error is known, 16 samples a block.
+// sample tells how many fit; where the error ends the work, adaptive_planned() does.
 void choose_blocks(Outcome& outcome, const RenderOptions& options, const Scene& scene, const RayScene& rays,
                    const PlyScene* plies, RenderSettings settings)
 {
@@ -166,8 +166,7 @@ void choose_blocks(Outcome& outcome, const RenderOptions& options, const Scene& 
         const std::uint64_t in_time = std::uint64_t(std::min(fit, double(sample_limit)));
         planned = planned > 0 ? std::min(planned, in_time) : in_time;
     }
-    // Decisions of adaptive sampling are taken between pairs of blocks: short ones waste the least.
-    if (options.target_error > 0.0) planned = std::min<std::uint64_t>(planned > 0 ? planned : 64, 64);
+    if (options.target_error > 0.0) planned = adaptive_planned(planned);
     settings.block_length = f32::cloth_block_length(std::uint32_t(planned));
     outcome.renderer = std::make_unique<Renderer>(scene, rays, settings, plies);
     if (outcome.state.samples == 0) outcome.state = outcome.renderer->start();

@@ -160,10 +160,25 @@ def test_every_size_is_survived(display):
 
 def test_a_paused_window_rests(display):
     display.tool("mousemove", 150, 60, "key", "space")
+    assert_it_rests(display)
+
+
+def test_a_window_whose_picture_has_its_error_rests(tmp_path):
+    with Display(tmp_path, ["--target-error", "0.05"]) as shown:
+        shown.wait_for_picture()
+        assert_it_rests(shown)
+        # And wakes: another view is drawn.
+        before = shown.picture()
+        shown.tool("mousemove", 150, 60, "click", "--repeat", 4, 4)
+        shown.wait_for("another view", lambda: np.abs(shown.picture() - before)[PICTURE].mean() > 0.03)
+        assert_it_rests(shown)
+
+
+def assert_it_rests(shown):
     time.sleep(3)
 
     def ticks():
-        fields = pathlib.Path(f"/proc/{display.program.pid}/stat").read_text().rsplit(")", 1)[1].split()
+        fields = pathlib.Path(f"/proc/{shown.program.pid}/stat").read_text().rsplit(")", 1)[1].split()
         return int(fields[11]) + int(fields[12])
     before = ticks()
     time.sleep(3)

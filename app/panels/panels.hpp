@@ -43,6 +43,7 @@ struct ViewPanel {
 struct ViewStatus {
     std::uint32_t frames = 0;
     double milliseconds = 0;
+    double done = 0; // share of the picture that has its error
     glm::ivec2 resolution{0};
     std::string renderer, message;
 };

@@ -13,6 +13,7 @@ void draw_view_panel(ViewPanel& panel, const ViewStatus& status, float& exposure
     using namespace cloth::f32;
     ImGui::Text("%u samples  %d x %d  %.1f ms a frame", status.frames, status.resolution.x, status.resolution.y,
                 status.milliseconds);
+    ImGui::Text("%.0f %% of the picture finished", 100 * status.done);
     ImGui::TextDisabled("%s", status.renderer.c_str());
     if (!status.message.empty()) ImGui::TextWrapped("%s", status.message.c_str());
     if (!ImGui::CollapsingHeader("View", ImGuiTreeNodeFlags_DefaultOpen)) return;

@@ -1,20 +1,74 @@
-// app/preview/passes.cpp: visibility, shade, merge, present.
+// app/preview/passes.cpp: visibility, shade, merge, judge, keep, present.
 #include "app/preview/passes.hpp"
+
+#include <algorithm>
+
+#include "reference/adaptive.hpp"
 
 namespace selvedge
 {
 
 Passes::Passes(const GlInfo& info)
-    : clip_control(info.clip_control), frame_block(GlName::Kind::buffer), empty_array(GlName::Kind::vertex_array)
+    : clip_control(info.clip_control), frame_block(GlName::Kind::buffer), screen_array(GlName::Kind::vertex_array)
 {
     gl.BindBuffer(GL_UNIFORM_BUFFER, *frame_block);
     gl.BufferData(GL_UNIFORM_BUFFER, sizeof(block::Frame), nullptr, GL_DYNAMIC_DRAW);
 }
 
-void Passes::choose(const Needs& needs)
+void Passes::choose(const Needs& needs, bool tiles)
 {
+    tiled = tiles;
     defines = needs.defines();
     model_defines = needs.model_defines();
+    tile_corners = tiles ? tile_corners : 0;
+    if (!tiles) return;
+    defines.emplace_back("TILES");
+    if (corners) return;
+    corners = GlName(GlName::Kind::buffer);
+    gl.BindVertexArray(*screen_array);
+    gl.BindBuffer(GL_ARRAY_BUFFER, *corners);
+    gl.EnableVertexAttribArray(0);
+    gl.VertexAttribPointer(0, 2, GL_FLOAT, GL_FALSE, 0, nullptr);
+    set_tiles({1, 1}, {true});
+}
+
+// Of the passes that know nothing of the scene.
+std::vector<std::string> Passes::screen_defines() const
+{
+    return tiled ? std::vector<std::string>{"TILES"} : std::vector<std::string>{};
+}
+
+void Passes::set_tiles(glm::ivec2 size, const std::vector<bool>& drawn)
+{
+    std::vector<glm::vec2> vertices = {{-1, -1}, {3, -1}, {-1, 3}};
+    const std::size_t whole = vertices.size();
+    const int columns = (size.x + tile_side - 1) / tile_side, rows = (size.y + tile_side - 1) / tile_side;
+    const auto is_drawn = [&](int x, int y) { return drawn[static_cast<std::size_t>(y * columns + x)]; };
+    if (std::find(drawn.begin(), drawn.end(), false) != drawn.end()) {
+        // One rectangle for each run of neighbours in a row.
+        for (int y = 0; y < rows; ++y)
+            for (int x = 0, end; x < columns; x = end) {
+                end = x + 1;
+                if (!is_drawn(x, y)) continue;
+                while (end < columns && is_drawn(end, y)) ++end;
+                const glm::vec2 low = glm::vec2(glm::ivec2(x, y) * tile_side) / glm::vec2(size) * 2.0f - 1.0f;
+                const glm::vec2 high =
+                    glm::vec2(glm::min(glm::ivec2(end, y + 1) * tile_side, size)) / glm::vec2(size) * 2.0f - 1.0f;
+                for (const glm::vec2 corner : {low, {high.x, low.y}, high, low, high, {low.x, high.y}})
+                    vertices.push_back(corner);
+            }
+    }
+    tile_corners = static_cast<GLsizei>(vertices.size() - whole);
+    gl.BindBuffer(GL_ARRAY_BUFFER, *corners);
+    gl.BufferData(GL_ARRAY_BUFFER, static_cast<GLsizeiptr>(vertices.size() * sizeof vertices[0]), vertices.data(),
+                  GL_DYNAMIC_DRAW);
+}
+
+std::vector<std::string> Passes::view_defines() const
+{
+    std::vector<std::string> list = model_defines;
+    if (tiled) list.emplace_back("TILES");
+    return list;
 }
 
 std::vector<std::string> Passes::gauze_defines() const
@@ -45,7 +99,15 @@ void Passes::visibility(Targets& targets, const SceneBuffers& buffers)
     gl.Disable(GL_CULL_FACE);
     // Only while our own geometry is drawn: the window's other users expect the usual range.
     if (clip_control) gl.ClipControl(GL_LOWER_LEFT, GL_ZERO_TO_ONE);
-    targets.begin_visibility();
+    if (tile_corners == 0) {
+        targets.begin_visibility();
+    } else {
+        uncovering.use(screen_defines());
+        targets.begin_uncover();
+        gl.UseProgram(*uncovering.current());
+        draw_tiles();
+        targets.end_uncover();
+    }
     // Opaque objects first: what lies behind them need not be looked up.
     const std::pair<ProgramVariants*, const std::vector<std::size_t>*> kinds[] = {{&opaque_visibility, &buffers.opaque},
                                                                                   {&gauze_visibility, &buffers.gauze}};
@@ -69,35 +131,57 @@ void Passes::shade(Targets& targets, const SceneBuffers& buffers)
     buffers.bind_textures();
     targets.begin_shade();
     gl.UseProgram(*shading.current());
-    draw_screen();
+    draw_tiles();
     gl.Disable(GL_BLEND);
 }
 
-void Passes::merge(Targets& targets, std::uint32_t block_length, std::uint32_t blocks)
+void Passes::merge(Targets& targets, int half, std::uint32_t block_length, std::uint32_t blocks)
 {
-    merging.use({});
+    merging.use(screen_defines());
     const ShaderProgram& program = merging.current();
-    targets.bind_textures();
+    targets.bind_textures(half);
     targets.begin_merge();
     gl.UseProgram(*program);
     gl.Uniform1f(program.location("block_length"), static_cast<float>(block_length));
     gl.Uniform1f(program.location("blocks"), static_cast<float>(blocks));
-    draw_screen();
-    targets.end_merge();
+    draw_tiles();
+    targets.end_merge(half);
     targets.clear_sum();
+}
+
+void Passes::judge(Targets& targets)
+{
+    judging.use(screen_defines());
+    targets.bind_textures();
+    targets.begin_judge();
+    gl.UseProgram(*judging.current());
+    gl.Uniform1i(judging.current().location("side"), tile_side);
+    draw_screen();
+}
+
+void Passes::keep(Targets& targets, int half, std::uint32_t blocks)
+{
+    keeping.use(screen_defines());
+    targets.bind_textures(half);
+    targets.begin_keep();
+    gl.UseProgram(*keeping.current());
+    gl.Uniform1f(keeping.current().location("blocks"), static_cast<float>(blocks));
+    draw_tiles();
+    gl.Disable(GL_BLEND);
 }
 
 void Passes::set_weights(const ShaderProgram& program, const ShownWeights& weights)
 {
     gl.Uniform1f(program.location("block_weight"), weights.block);
     gl.Uniform1f(program.location("mean_weight"), weights.mean);
+    gl.Uniform1f(program.location("odd_mean_weight"), weights.odd_mean);
     gl.Uniform1f(program.location("samples"), weights.samples);
     gl.Uniform1f(program.location("carried_share"), weights.carried);
 }
 
 void Passes::remember(Targets& targets, const SceneBuffers& buffers, const ShownWeights& weights)
 {
-    remembering.use(model_defines);
+    remembering.use(view_defines());
     buffers.bind_textures();
     targets.bind_textures();
     targets.begin_remember();
@@ -108,7 +192,7 @@ void Passes::remember(Targets& targets, const SceneBuffers& buffers, const Shown
 
 void Passes::carry(Targets& targets, const SceneBuffers& buffers)
 {
-    carrying.use(model_defines);
+    carrying.use(view_defines());
     buffers.bind_textures();
     targets.begin_carry();
     targets.bind_textures();
@@ -120,7 +204,7 @@ void Passes::carry(Targets& targets, const SceneBuffers& buffers)
 void Passes::present(const Targets& targets, glm::ivec2 corner, glm::ivec2 size, const ShownWeights& weights,
                      float exposure)
 {
-    presenting.use({});
+    presenting.use(screen_defines());
     const ShaderProgram& program = presenting.current();
     targets.bind_textures();
     gl.Disable(GL_DEPTH_TEST);
@@ -139,13 +223,21 @@ void Passes::present(const Targets& targets, glm::ivec2 corner, glm::ivec2 size,
 
 void Passes::draw_screen()
 {
-    gl.BindVertexArray(*empty_array);
+    gl.BindVertexArray(*screen_array);
     gl.DrawArrays(GL_TRIANGLES, 0, 3);
+}
+
+void Passes::draw_tiles()
+{
+    if (tile_corners == 0) return draw_screen();
+    gl.BindVertexArray(*screen_array);
+    gl.DrawArrays(GL_TRIANGLES, 3, tile_corners);
 }
 
 std::vector<ProgramVariants*> Passes::all()
 {
-    return {&opaque_visibility, &gauze_visibility, &shading, &merging, &presenting, &remembering, &carrying};
+    return {&opaque_visibility, &gauze_visibility, &shading, &merging,    &presenting,
+            &remembering,       &carrying,         &judging, &uncovering, &keeping};
 }
 
 bool Passes::rebuild_if_changed()

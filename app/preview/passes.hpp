@@ -31,7 +31,7 @@ static_assert(offsetof(Frame, past_right) == 208 && offsetof(Frame, past_up) == 
 
 // What of the accumulated picture is shown: glsl/shown.h.
 struct ShownWeights {
-    float block = 0, mean = 0, samples = 0, carried = 0;
+    float block = 0, mean = 0, odd_mean = 0, samples = 0, carried = 0;
 };
 
 class Passes
@@ -40,7 +40,8 @@ class Passes
     explicit Passes(const GlInfo& info);
 
     // From now on the programs have what the scene needs; they are compiled when they are first drawn with.
-    void choose(const Needs& needs);
+    //   tiles  they end by themselves: reference/adaptive.hpp
+    void choose(const Needs& needs, bool tiles);
     // Compiles what a frame is drawn with, where that has not been done.
     //   return  false: something that was chosen does not compile, though what was chosen before did; complaint() says
     //   why,
@@ -48,11 +49,18 @@ class Passes
     //   throws  InputError where nothing ever compiled
     bool prepare(const SceneBuffers& buffers);
     void set_frame(const block::Frame& frame);
+    // From now on only these tiles of a picture of that size are drawn (row by row, reference/adaptive.hpp); one at
+    // least; only where tiles end by themselves.
+    void set_tiles(glm::ivec2 size, const std::vector<bool>& drawn);
 
     void visibility(Targets& targets, const SceneBuffers& buffers);
     void shade(Targets& targets, const SceneBuffers& buffers);
-    // Folds a complete block into the mean and clears its sum. blocks counts it.
-    void merge(Targets& targets, std::uint32_t block_length, std::uint32_t blocks);
+    // Folds a complete block into its half's mean and clears its sum. blocks counts it.
+    void merge(Targets& targets, int half, std::uint32_t block_length, std::uint32_t blocks);
+    // Finds what each half says of the tiles' noise: Targets::read_tiles().
+    void judge(Targets& targets);
+    // Keeps what a half has of the tiles that are drawn, after `blocks` blocks of it.
+    void keep(Targets& targets, int half, std::uint32_t blocks);
     // Puts what is shown, and where it is, aside for the next view; all by the frame that was drawn last.
     void remember(Targets& targets, const SceneBuffers& buffers, const ShownWeights& weights);
     // Finds what was put aside in the first frame of a view; after it is shaded.
@@ -66,8 +74,11 @@ class Passes
     const std::vector<std::string>& features() const { return defines; }
 
   private:
-    void draw_screen();
+    void draw_screen(); // all of the viewport
+    void draw_tiles();  // those of set_tiles(), all of it where nobody has set any
+    std::vector<std::string> screen_defines() const;
     static void set_weights(const ShaderProgram& program, const ShownWeights& weights);
+    std::vector<std::string> view_defines() const;
     std::vector<std::string> gauze_defines() const;
     std::vector<ProgramVariants*> all();
 
@@ -79,7 +90,12 @@ class Passes
     ProgramVariants shading{"screen.vert", "shade.frag"}, merging{"screen.vert", "merge.frag"};
     ProgramVariants presenting{"screen.vert", "present.frag"};
     ProgramVariants remembering{"screen.vert", "remember.frag"}, carrying{"screen.vert", "carry.frag"};
-    GlName frame_block, empty_array;
+    ProgramVariants uncovering{"screen.vert", "uncover.frag"}, judging{"screen.vert", "judge.frag"};
+    ProgramVariants keeping{"screen.vert", "keep.frag"};
+    GlName frame_block, screen_array;
+    bool tiled = false;       // tiles end by themselves:
+    GlName corners;           //   vertices of the whole screen, then of the tiles that are drawn
+    GLsizei tile_corners = 0; //   how many the tiles have; 0: all tiles are drawn
 };
 
 } // namespace selvedge

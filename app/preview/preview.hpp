@@ -10,6 +10,7 @@
 
 #include "gl.hpp"
 #include "passes.hpp"
+#include "reference/adaptive.hpp"
 #include "reference/scene.hpp"
 #include "scene_buffers.hpp"
 #include "targets.hpp"
@@ -24,15 +25,17 @@ struct PreviewOptions {
     bool reproject = true;      // while the view moves, what earlier views showed is shown at its new place
     std::set<std::string> kept; // parts of skip_names() that are done whether the scene needs them or not
     std::uint32_t planned = 0;  // frames that will be drawn, 0 when nobody knows: decides the length of a block
+    double target_error = 0;    // above 0: tiles end by themselves, and are drawn no more (reference/adaptive.hpp)
 };
 
 // The accumulated picture on the CPU: row 0 is the top row.
 struct PreviewImage {
     glm::ivec2 size{0};
-    std::uint32_t frames = 0;        // samples of every pixel
-    std::uint32_t blocks = 0;        // complete blocks
-    std::vector<glm::vec4> mean;     // radiance and coverage, mean of all samples
-    std::vector<glm::vec4> variance; // of the pixel's mean, from the spread of the blocks; 0 below two blocks
+    std::uint32_t frames = 0;           // samples of a pixel, where none was skipped
+    std::uint32_t blocks = 0;           // complete blocks
+    std::vector<std::uint32_t> samples; // of each pixel
+    std::vector<glm::vec4> mean;        // radiance and coverage, mean of all samples (of tiles: reference/adaptive.hpp)
+    std::vector<glm::vec4> variance;    // of the pixel's mean, from the spread of the blocks; 0 below two blocks
 };
 
 // Everything that changes the picture restarts the accumulation; nothing else does. What is shown while a new view has
@@ -60,13 +63,18 @@ class Preview
     // Tells, while the first block is unfinished, how many frames there will be: sets the length of blocks.
     void plan(std::uint32_t planned);
 
-    // Adds one sample to every pixel. Where a shader does not compile, though one did before (reload_shaders() tells),
-    // nothing is drawn, and the last good picture stays on show.
+    // Adds one sample to every pixel, but for tiles that have reached the target error. Where a shader does not
+    // compile, though one did before (reload_shaders() tells), nothing is drawn, and the last good picture stays on
+    // show.
     //   return  whether it was drawn
     //   throws  InputError: a shader that never compiled
     bool draw_frame();
     std::uint32_t frames() const { return stale ? 0 : frame_count; }
     std::uint32_t block_length() const { return length; }
+    bool finished() const { return !stale && !tiles.empty() && all_done(tiles); } // every tile has the target error
+    std::size_t tile_count() const { return tiles.size(); }                       // 0 where there is no target
+    std::size_t tiles_done() const;
+    std::uint64_t samples() const; // of all pixels together
     glm::ivec2 resolution() const { return targets.size(); }
 
     // The accumulated picture through the display transform into a rectangle of the bound framebuffer (GL window
@@ -91,6 +99,11 @@ class Preview
     void begin_again(); // with the next frame accumulates from nothing; until then the last picture is shown
     ShownWeights shown_weights() const;
     void update_near_plane();
+    void restart_tiles();
+    void judge(); // after as many blocks of either half: which tiles end
+    std::uint32_t blocks_of(int half) const;
+    std::uint64_t samples_of(const TileState& tile) const { return tile.done() ? tile.samples : frames(); }
+    PreviewImage read_tiled(PreviewImage image) const;
 
     const Scene& scene;
     GlInfo info;
@@ -107,6 +120,8 @@ class Preview
     std::uint32_t view_count = 0;               // that were looked at: each has random numbers of its own
     bool stale = true;                          // what is accumulated belongs to something that has changed
     std::uint32_t frame_count = 0, block_count = 0, length = 1;
+    std::vector<TileState> tiles; // row by row; empty where there is no target error
+    double pilot[2] = {0, 0};     // of judge_tiles()
 };
 
 } // namespace selvedge

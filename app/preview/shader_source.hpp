@@ -133,6 +133,11 @@ inline constexpr Binding texture_units[] = {
     {"asg_table", 12},
     {"tile_base_table", 13},
     {"emitter_table", 14},
+    // Of adaptive sampling.
+    {"odd_mean_map", 16},
+    {"odd_spread_map", 17},
+    {"kept_map", 18},
+    {"kept_noise_map", 19},
 };
 GLint texture_unit(const char* name);
 

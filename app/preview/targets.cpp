@@ -7,6 +7,7 @@
 
 #include "app/preview/shader_source.hpp"
 #include "bake/error.hpp"
+#include "reference/adaptive.hpp"
 
 namespace selvedge
 {
@@ -40,10 +41,11 @@ static GlName make_framebuffer(std::initializer_list<GLuint> colours, GLuint dep
     return framebuffer;
 }
 
-void Targets::resize(glm::ivec2 size, const GlInfo& info)
+void Targets::resize(glm::ivec2 size, bool with_tiles, const GlInfo& info)
 {
     size = glm::max(size, glm::ivec2(1));
-    if (size == extent) return clear_accumulation();
+    const std::size_t wanted_blocks = with_tiles ? 3 : 2;
+    if (size == extent && blocks.size() == wanted_blocks) return clear_accumulation();
     if (std::max(size.x, size.y) > info.texture_limit)
         throw std::runtime_error(format_text("resolution %d,%d: %s draws at most %d pixels along a side", size.x,
                                              size.y, info.renderer.c_str(), info.texture_limit));
@@ -53,25 +55,61 @@ void Targets::resize(glm::ivec2 size, const GlInfo& info)
     sum = make_texture(GL_RGBA32F, GL_RGBA, GL_FLOAT, size);
     visibility_buffer = make_framebuffer({*ids}, *depth);
     sum_buffer = make_framebuffer({*sum}, 0);
-    for (int side = 0; side < 2; ++side) {
-        mean[side] = make_texture(GL_RGBA32F, GL_RGBA, GL_FLOAT, size);
-        spread[side] = make_texture(GL_RGBA32F, GL_RGBA, GL_FLOAT, size);
-        rest[side] = make_texture(GL_RGBA32F, GL_RGBA, GL_FLOAT, size);
-        merge_buffer[side] = make_framebuffer({*mean[side], *spread[side], *rest[side]}, 0);
+    blocks.clear();
+    for (std::size_t k = 0; k < wanted_blocks; ++k) {
+        Blocks& made = blocks.emplace_back();
+        for (GlName* texture : {&made.mean, &made.spread, &made.rest})
+            *texture = make_texture(GL_RGBA32F, GL_RGBA, GL_FLOAT, size);
+        made.buffer = make_framebuffer({*made.mean, *made.spread, *made.rest}, 0);
+    }
+    current[0] = 0;
+    current[1] = wanted_blocks - 2;
+    spare = wanted_blocks - 1;
+    extent = size;
+    for (GlName* name : {&kept, &kept_noise, &tile_spread, &kept_buffer, &tile_buffer}) *name = GlName();
+    if (with_tiles) {
+        kept = make_texture(GL_RGBA32F, GL_RGBA, GL_FLOAT, size);
+        kept_noise = make_texture(GL_RGBA32F, GL_RGBA, GL_FLOAT, size);
+        kept_buffer = make_framebuffer({*kept, *kept_noise}, 0);
+        tile_spread = make_texture(GL_RGBA32F, GL_RGBA, GL_FLOAT, tiles());
+        tile_buffer = make_framebuffer({*tile_spread}, 0);
     }
     check_gl("framebuffers");
-    extent = size;
     clear_accumulation();
+}
+
+glm::ivec2 Targets::tiles() const
+{
+    return (extent + (tile_side - 1)) / tile_side;
+}
+
+static void begin_writing(GLuint framebuffer, glm::ivec2 size)
+{
+    gl.BindFramebuffer(GL_FRAMEBUFFER, framebuffer);
+    gl.Viewport(0, 0, size.x, size.y);
+    gl.Disable(GL_DEPTH_TEST);
+    gl.Disable(GL_BLEND);
+}
+
+static void begin_adding(GLuint framebuffer, glm::ivec2 size)
+{
+    begin_writing(framebuffer, size);
+    gl.Enable(GL_BLEND);
+    gl.BlendFunc(GL_ONE, GL_ONE);
 }
 
 void Targets::clear_accumulation()
 {
     clear_sum();
     const float zeros[4] = {};
-    gl.BindFramebuffer(GL_FRAMEBUFFER, *merge_buffer[current]);
-    gl.ClearBufferfv(GL_COLOR, 0, zeros);
-    gl.ClearBufferfv(GL_COLOR, 1, zeros);
-    gl.ClearBufferfv(GL_COLOR, 2, zeros);
+    for (std::size_t k = 0; k < blocks.size(); ++k) {
+        if (k == spare) continue;
+        gl.BindFramebuffer(GL_FRAMEBUFFER, *blocks[k].buffer);
+        for (GLint picture = 0; picture < 3; ++picture) gl.ClearBufferfv(GL_COLOR, picture, zeros);
+    }
+    if (!kept) return;
+    gl.BindFramebuffer(GL_FRAMEBUFFER, *kept_buffer);
+    for (GLint picture = 0; picture < 2; ++picture) gl.ClearBufferfv(GL_COLOR, picture, zeros);
 }
 
 void Targets::clear_sum()
@@ -84,37 +122,55 @@ void Targets::clear_sum()
 void Targets::begin_visibility()
 {
     const GLuint nothing[4] = {};
-    const float far = 0;
+    begin_depth(0);
+    gl.ClearBufferuiv(GL_COLOR, 0, nothing);
+    gl.DepthFunc(GL_GREATER);
+}
+
+void Targets::begin_uncover()
+{
+    begin_depth(1);
+    gl.DepthFunc(GL_ALWAYS);
+}
+
+void Targets::end_uncover()
+{
+    gl.DepthFunc(GL_GREATER);
+}
+
+void Targets::begin_depth(float depth_everywhere)
+{
     gl.BindFramebuffer(GL_FRAMEBUFFER, *visibility_buffer);
     gl.Viewport(0, 0, extent.x, extent.y);
     gl.DepthMask(GL_TRUE);
-    gl.ClearBufferuiv(GL_COLOR, 0, nothing);
-    gl.ClearBufferfv(GL_DEPTH, 0, &far);
+    gl.ClearBufferfv(GL_DEPTH, 0, &depth_everywhere);
     gl.Enable(GL_DEPTH_TEST);
-    gl.DepthFunc(GL_GREATER);
     gl.Disable(GL_BLEND);
 }
 
 void Targets::begin_shade()
 {
-    gl.BindFramebuffer(GL_FRAMEBUFFER, *sum_buffer);
-    gl.Viewport(0, 0, extent.x, extent.y);
-    gl.Disable(GL_DEPTH_TEST);
-    gl.Enable(GL_BLEND);
-    gl.BlendFunc(GL_ONE, GL_ONE);
+    begin_adding(*sum_buffer, extent);
 }
 
 void Targets::begin_merge()
 {
-    gl.BindFramebuffer(GL_FRAMEBUFFER, *merge_buffer[1 - current]);
-    gl.Viewport(0, 0, extent.x, extent.y);
-    gl.Disable(GL_DEPTH_TEST);
-    gl.Disable(GL_BLEND);
+    begin_writing(*blocks[spare].buffer, extent);
 }
 
-void Targets::end_merge()
+void Targets::end_merge(int half)
 {
-    current = 1 - current;
+    std::swap(current[half], spare);
+}
+
+void Targets::begin_keep()
+{
+    begin_adding(*kept_buffer, extent);
+}
+
+void Targets::begin_judge()
+{
+    begin_writing(*tile_buffer, tiles());
 }
 
 void Targets::begin_remember()
@@ -126,10 +182,7 @@ void Targets::begin_remember()
         past_buffer = make_framebuffer({*past_picture, *past_place}, 0);
         past_extent = extent;
     }
-    gl.BindFramebuffer(GL_FRAMEBUFFER, *past_buffer);
-    gl.Viewport(0, 0, extent.x, extent.y);
-    gl.Disable(GL_DEPTH_TEST);
-    gl.Disable(GL_BLEND);
+    begin_writing(*past_buffer, extent);
 }
 
 void Targets::begin_carry()
@@ -140,10 +193,7 @@ void Targets::begin_carry()
         carried_buffer = make_framebuffer({*carried}, 0);
         carried_extent = extent;
     }
-    gl.BindFramebuffer(GL_FRAMEBUFFER, *carried_buffer);
-    gl.Viewport(0, 0, extent.x, extent.y);
-    gl.Disable(GL_DEPTH_TEST);
-    gl.Disable(GL_BLEND);
+    begin_writing(*carried_buffer, extent);
 }
 
 static void bind_texture(const char* name, GLuint texture)
@@ -159,24 +209,42 @@ void Targets::bind_past() const
     bind_texture("past_place", *past_place);
 }
 
-void Targets::bind_textures() const
+void Targets::bind_textures(int half) const
 {
-    const std::pair<const char*, GLuint> textures[] = {{"id_map", *ids},
-                                                       {"block_sum", *sum},
-                                                       {"mean_map", *mean[current]},
-                                                       {"spread_map", *spread[current]},
-                                                       {"rest_map", *rest[current]},
-                                                       {"carried_map", *carried}};
+    const Blocks& own = blocks[current[half]];
+    const std::pair<const char*, GLuint> textures[] = {{"id_map", *ids},        {"block_sum", *sum},
+                                                       {"mean_map", *own.mean}, {"spread_map", *own.spread},
+                                                       {"rest_map", *own.rest}, {"carried_map", *carried}};
     for (const auto& [name, texture] : textures) bind_texture(name, texture);
+    if (!kept) return;
+    const Blocks& odd = blocks[current[1]];
+    bind_texture("odd_mean_map", *odd.mean);
+    bind_texture("odd_spread_map", *odd.spread);
+    bind_texture("kept_map", *kept);
+    bind_texture("kept_noise_map", *kept_noise);
 }
 
-void Targets::read(int which, float* pixels) const
+static void read_framebuffer(GLuint framebuffer, bool second, glm::ivec2 size, float* pixels)
 {
-    gl.BindFramebuffer(GL_FRAMEBUFFER, which == 0 ? *sum_buffer : *merge_buffer[current]);
-    gl.ReadBuffer(which == 2 ? GL_COLOR_ATTACHMENT1 : GL_COLOR_ATTACHMENT0);
+    gl.BindFramebuffer(GL_FRAMEBUFFER, framebuffer);
+    gl.ReadBuffer(second ? GL_COLOR_ATTACHMENT1 : GL_COLOR_ATTACHMENT0);
     gl.PixelStorei(GL_PACK_ALIGNMENT, 4);
-    gl.ReadPixels(0, 0, extent.x, extent.y, GL_RGBA, GL_FLOAT, pixels);
+    gl.ReadPixels(0, 0, size.x, size.y, GL_RGBA, GL_FLOAT, pixels);
     check_gl("reading the picture");
+}
+
+void Targets::read(Picture which, int half, float* pixels) const
+{
+    const bool of_kept = which == Picture::kept || which == Picture::kept_noise;
+    const GLuint framebuffer = which == Picture::sum ? *sum_buffer
+                               : of_kept             ? *kept_buffer
+                                                     : *blocks[current[half]].buffer;
+    read_framebuffer(framebuffer, which == Picture::spread || which == Picture::kept_noise, extent, pixels);
+}
+
+void Targets::read_tiles(float* tile_pixels) const
+{
+    read_framebuffer(*tile_buffer, false, tiles(), tile_pixels);
 }
 
 } // namespace selvedge

@@ -2,6 +2,8 @@
 // blocks.
 #pragma once
 
+#include <vector>
+
 #include <glm/glm.hpp>
 
 #include "gl.hpp"
@@ -10,13 +12,18 @@ namespace selvedge
 {
 
 // All pictures have row 0 at the top of the image.
+//
+// Where tiles end by themselves (reference/adaptive.hpp) there are two halves, even and odd blocks, each with a mean,
+// spread and rest of its own, and what finished tiles keep; else one half holds all blocks.
 class Targets
 {
   public:
+    enum class Picture { sum, mean, spread, kept, kept_noise };
+
     // (Re)makes everything, cleared. Either side 0 is taken as 1.
     //   throws  std::runtime_error: larger than the driver allows, out of memory
-    void resize(glm::ivec2 size, const GlInfo& info);
-    void clear_accumulation(); // sum, mean, spread, rest to 0
+    void resize(glm::ivec2 size, bool tiles, const GlInfo& info);
+    void clear_accumulation(); // sum, mean, spread, rest, kept to 0
     void clear_sum();
 
     // Pictures that are made when the view first changes: what an earlier view showed and where, of the size of that
@@ -25,24 +32,39 @@ class Targets
     void begin_carry();    // binds what is found again
     void bind_past() const;
 
-    void begin_visibility(); // binds identities and depth, cleared: 0, infinitely far
-    void begin_shade();      // binds the sum; what is drawn is added
-    void begin_merge();      // binds the mean, spread and rest that are not current
-    void end_merge();        // makes them current
-    // Binds identities, sum and current mean, spread and rest for the shaders.
-    void bind_textures() const;
+    void begin_visibility();  // binds identities and depth, cleared: 0, infinitely far
+    void begin_uncover();     // likewise, not cleared but covered: nothing is drawn where depth is not set back
+    void end_uncover();       // from now on what is nearer is drawn
+    void begin_shade();       // binds the sum; what is drawn is added
+    void begin_merge();       // binds a mean, spread and rest that no half has
+    void end_merge(int half); // gives them to the half
+    void begin_keep();        // binds what finished tiles keep; what is drawn is added
+    void begin_judge();       // binds the picture of tiles, of size tiles()
+    // Binds identities, sum and the half's mean, spread and rest for the shaders, and of tiles also the odd half's.
+    void bind_textures(int half = 0) const;
 
     glm::ivec2 size() const { return extent; }
-    // RGBA float, row 0 first; index 0 sum, 1 mean, 2 spread.
-    void read(int which, float* pixels) const;
+    glm::ivec2 tiles() const; // columns, rows
+    // RGBA float, row 0 first. half: of mean and spread.
+    void read(Picture which, int half, float* pixels) const;
+    void read_tiles(float* tile_pixels) const; // what begin_judge() bound
 
   private:
+    void begin_depth(float depth_everywhere);
+
+    struct Blocks {
+        GlName mean, spread, rest; // rest: what rounding took from the mean
+        GlName buffer;
+    };
+
     glm::ivec2 extent{0};
-    int current = 0;
-    GlName ids, depth, sum, mean[2], spread[2], rest[2]; // rest: what rounding took from the mean
+    GlName ids, depth, sum;
+    std::vector<Blocks> blocks;                 // of each half, in any order, and one to draw the next ones to
+    std::size_t current[2] = {0, 0}, spare = 1; // index of each half's, and of the one to draw to
+    GlName kept, kept_noise, tile_spread;       // nothing where tiles do not end by themselves
     GlName past_picture, past_place, carried;
     glm::ivec2 past_extent{0}, carried_extent{0};
-    GlName visibility_buffer, sum_buffer, merge_buffer[2], past_buffer, carried_buffer;
+    GlName visibility_buffer, sum_buffer, kept_buffer, tile_buffer, past_buffer, carried_buffer;
 };
 
 } // namespace selvedge

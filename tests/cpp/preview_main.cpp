@@ -8,6 +8,7 @@
 //   model KEY VALUE              bsdf, weight, visibility, ...: numbers of ClothSettings
 //   resize WIDTH HEIGHT          either may be 0
 //   reproject 0|1;  max-depth N  surfaces along a path
+//   target SEED ERROR            starts anew; tiles end by themselves at that error
 //   now                          waits for the driver and prints seconds since the last `now`
 #include <chrono>
 #include <cstdio>
@@ -111,6 +112,9 @@ void drive(Scene& scene, Preview& preview, PreviewOptions& options)
             preview.set_options(options);
         } else if (verb == "max-depth") {
             words >> options.max_depth;
+            preview.set_options(options);
+        } else if (verb == "target") {
+            words >> options.seed >> options.target_error;
             preview.set_options(options);
         } else if (verb == "now") {
             gl.Finish();
