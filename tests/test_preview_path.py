@@ -16,7 +16,7 @@ import pytest
 import evaluate
 import preview_driver
 from test_preview_gl import OLD
-from test_preview_proof import AREA, DELTA_SUN, GROUND, SHEETS, SKY, SUN, cloth, judge, looking, pictures
+from test_preview_proof import AREA, DELTA_SUN, GROUND, SHEETS, SUN, cloth, judge, looking, pictures
 from test_preview_skips import PLANE, SPHERE, assert_same_bits
 
 
