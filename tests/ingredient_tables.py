@@ -13,7 +13,8 @@ VISIBILITY = """\
 ## Visibility inside the fabric
 
 V of a texel in a direction, against a ray in float64 that starts at the texel's centre and is held against every bilinear patch of the
-full-resolution height field that it crosses. Texels uniform over the repeat, directions uniform in solid angle over the hemisphere,
+full-resolution height field that it crosses. V is the mean over the sixteen spots of the texel, which many samples come to: from a
+spot a ray looks up one half-resolution texel. Texels uniform over the repeat, directions uniform in solid angle over the hemisphere,
 front and back. Bytes are those the representation needs for each texel and side (the ASG of the paper has five floats, a fitted
 amplitude makes six; in memory both take 32). Nanoseconds are of one look-up at a random texel in C++ on one thread, the fastest of
 nine passes; *none* shows what the loop itself costs.
