@@ -52,14 +52,9 @@ Options parse_options(int argc, char** argv, bool& done)
     app.add_flag("--list", options.list, "the built-in weaves and knits");
     app.add_flag("-q,--quiet", options.quiet, "no warnings, no summary");
     app.add_flag("-V,--version", options.version, "version, git revision, libraries");
-    try {
-        app.parse(argc, argv);
-    } catch (const CLI::CallForHelp&) {
-        std::fputs(app.help().c_str(), stdout);
+    if (!parse_command_line(app, argc, argv)) {
         done = true;
         return options;
-    } catch (const CLI::ParseError& error) {
-        throw UsageError("%s", error.what());
     }
     if (options.version || options.list) {
         std::string text = options.version ? version_text("selvedge-bake", image_library_versions()) : "";

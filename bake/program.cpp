@@ -6,6 +6,8 @@
 #include <exception>
 #include <new>
 
+#include <CLI/CLI.hpp>
+
 #include "error.hpp"
 #include "revision.hpp" // written by revision.cmake at every build
 
@@ -24,6 +26,19 @@ try {
 } catch (const std::exception& error) {
     std::fprintf(stderr, "%s: %s\n", program, error.what());
     return 1;
+}
+
+bool parse_command_line(CLI::App& app, int argc, const char* const* argv)
+{
+    try {
+        app.parse(argc, argv);
+    } catch (const CLI::CallForHelp&) {
+        std::fputs(app.help().c_str(), stdout);
+        return false;
+    } catch (const CLI::ParseError& error) {
+        throw UsageError("%s", error.what());
+    }
+    return true;
 }
 
 std::string version_text(const char* program, const std::map<std::string, std::string>& libraries)

@@ -5,11 +5,20 @@
 #include <map>
 #include <string>
 
+namespace CLI
+{
+class App;
+}
+
 namespace selvedge
 {
 
 // Runs `body` and turns what it throws into one line on stderr and an exit status: UsageError 2, anything else 1.
 int run_program(const char* program, const std::function<int()>& body);
+
+// Reads the command line into what `app` has bound. False: --help has been printed, and nothing else is to be done.
+//   throws  UsageError
+bool parse_command_line(CLI::App& app, int argc, const char* const* argv);
 
 // "selvedge-bake 0.1.0 (git abc123)\nOpenImageIO 2.4.7, ...\n"; `libraries`: name -> version, one line for all.
 std::string version_text(const char* program, const std::map<std::string, std::string>& libraries);

@@ -1,5 +1,6 @@
-// Direct light at a shaded surface: everything but the shadow ray. Shared; imports all of the above. Both renderers do
+// Direct light at a shaded surface: everything but the shadow ray. Shared; imports all of the above. The preview does
 //   ClothDirect d = cloth_direct(...);  if (d.any && light reaches) colour += d.value;
+// the reference the same with cloth_direct_by, once for each strategy that the light has.
 
 // A shader that is told that there is no metal (CLOTH_METAL 0) has no code for it.
 #ifndef CLOTH_METAL

@@ -124,14 +124,7 @@ Options parse_options(int argc, char** argv)
     app.add_flag("-q,--quiet", options.quiet, "no table");
     app.add_flag("-V,--version", show_version, "version and exit");
     app.footer(help_footer());
-    try {
-        app.parse(argc, argv);
-    } catch (const CLI::CallForHelp&) {
-        std::fputs(app.help().c_str(), stdout);
-        std::exit(0);
-    } catch (const CLI::ParseError& error) {
-        throw UsageError("%s", error.what());
-    }
+    if (!parse_command_line(app, argc, argv)) std::exit(0);
     if (show_version) {
         std::fputs(version_text(program, {}).c_str(), stdout);
         std::exit(0);

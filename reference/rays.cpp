@@ -1,19 +1,12 @@
-// Embree behind one door: version 4 where its headers are, else 3.13.
+// Sheets of triangles, the filter that lets shadow rays through cloth, and the preview's BVH, by Embree.
 #include "reference/rays.hpp"
 
 #include <algorithm>
 #include <cmath>
-#include <cstring>
 #include <stdexcept>
 
-#if __has_include(<embree4/rtcore.h>)
-#include <embree4/rtcore.h>
-#else
-#include <embree3/rtcore.h>
-#endif
-#include <tbb/task_arena.h>
-
 #include "bake/error.hpp"
+#include "reference/embree.hpp"
 
 namespace selvedge
 {
@@ -22,21 +15,6 @@ namespace f32 = cloth::f32;
 
 namespace
 {
-
-RTCDevice new_device()
-{
-    RTCDevice device = rtcNewDevice(nullptr);
-    if (!device)
-        throw std::runtime_error(format_text("Embree does not start (error %d)", int(rtcGetDeviceError(nullptr))));
-    return device;
-}
-
-void throw_on_error(RTCDevice device)
-{
-    const RTCError code = rtcGetDeviceError(device);
-    if (code == RTC_ERROR_OUT_OF_MEMORY) throw std::bad_alloc();
-    if (code != RTC_ERROR_NONE) throw std::runtime_error(format_text("Embree: error %d", int(code)));
-}
 
 // What a shadow ray carries for the filter of fabrics with gaps. Embree's own struct comes first.
 struct ShadowContext {
@@ -89,19 +67,6 @@ void pass_cloth(const RTCFilterFunctionNArguments* arguments)
     arguments->valid[0] = 0;
 }
 
-RTCGeometry new_geometry(RTCDevice device, const Mesh& mesh)
-{
-    RTCGeometry geometry = rtcNewGeometry(device, RTC_GEOMETRY_TYPE_TRIANGLE);
-    void* vertices = rtcSetNewGeometryBuffer(geometry, RTC_BUFFER_TYPE_VERTEX, 0, RTC_FORMAT_FLOAT3, sizeof(glm::vec3),
-                                             mesh.positions.size());
-    void* indices = rtcSetNewGeometryBuffer(geometry, RTC_BUFFER_TYPE_INDEX, 0, RTC_FORMAT_UINT3, sizeof(glm::uvec3),
-                                            mesh.triangles.size());
-    throw_on_error(device);
-    std::memcpy(vertices, mesh.positions.data(), mesh.positions.size() * sizeof(glm::vec3));
-    std::memcpy(indices, mesh.triangles.data(), mesh.triangles.size() * sizeof(glm::uvec3));
-    return geometry;
-}
-
 } // namespace
 
 struct RayScene::State {
@@ -130,7 +95,7 @@ RayScene::RayScene(const Scene& scene) : state_(std::make_unique<State>())
     state.targets.reserve(scene.objects.size());
     for (std::size_t k = 0; k < scene.objects.size(); ++k) {
         const SceneObject& object = scene.objects[k];
-        RTCGeometry geometry = new_geometry(state.device, object.mesh);
+        RTCGeometry geometry = new_triangles(state.device, object.mesh.positions, object.mesh.triangles);
         if (lets_rays_through(scene, object)) {
             state.targets.push_back({&object, maps_of(scene.fabrics[std::size_t(object.fabric)]), flat_frames(object)});
             rtcSetGeometryUserData(geometry, &state.targets.back());
@@ -143,10 +108,7 @@ RayScene::RayScene(const Scene& scene) : state_(std::make_unique<State>())
         needs_.triangles += object.mesh.triangles.size();
         ++needs_.objects;
     }
-    // One thread builds: the order of equal hits in the tree, and with it the last bits of a picture, must not depend
-    // on how many cores there are.
-    tbb::task_arena arena(1);
-    arena.execute([&] { rtcJoinCommitScene(state.scene); });
+    commit_alone(state.scene);
     throw_on_error(state.device);
 }
 
@@ -154,24 +116,7 @@ RayScene::~RayScene() = default;
 
 RayHit RayScene::closest(glm::vec3 origin, glm::vec3 direction, float near, float far) const
 {
-    RTCRayHit query;
-    query.ray.org_x = origin.x, query.ray.org_y = origin.y, query.ray.org_z = origin.z;
-    query.ray.dir_x = direction.x, query.ray.dir_y = direction.y, query.ray.dir_z = direction.z;
-    query.ray.tnear = near;
-    query.ray.tfar = far;
-    query.ray.time = 0.0f;
-    query.ray.mask = ~0u;
-    query.ray.id = 0;
-    query.ray.flags = 0;
-    query.hit.geomID = RTC_INVALID_GEOMETRY_ID;
-    query.hit.primID = RTC_INVALID_GEOMETRY_ID;
-#if RTC_VERSION_MAJOR >= 4
-    rtcIntersect1(state_->scene, &query);
-#else
-    RTCIntersectContext context;
-    rtcInitIntersectContext(&context);
-    rtcIntersect1(state_->scene, &context, &query);
-#endif
+    const RTCRayHit query = first_hit(state_->scene, origin, direction, near, far);
     if (query.hit.geomID == RTC_INVALID_GEOMETRY_ID) return {};
     return {true, query.hit.geomID, query.hit.primID, query.ray.tfar};
 }

@@ -149,14 +149,9 @@ RenderOptions parse_render_options(int argc, char** argv, bool& done)
     app.add_flag("--json", options.json, "one JSON object on stdout");
     app.add_flag("-q,--quiet", options.quiet, "no progress, no warnings, no summary");
     app.add_flag("-V,--version", version, "version, git revision, libraries");
-    try {
-        app.parse(argc, argv);
-    } catch (const CLI::CallForHelp&) {
-        std::fputs(app.help().c_str(), stdout);
+    if (!parse_command_line(app, argc, argv)) {
         done = true;
         return options;
-    } catch (const CLI::ParseError& error) {
-        throw UsageError("%s", error.what());
     }
     if (version) {
         std::map<std::string, std::string> libraries = image_library_versions();

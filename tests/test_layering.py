@@ -54,13 +54,13 @@ def test_preview_and_reference_do_not_see_each_others_renderers():
 
 
 DOORS = {
-    r"embree|rtcore": {"reference/rays.cpp", "reference/rays_plies.cpp"},
+    r"embree|rtcore": {"reference/embree.hpp"},
     r"OpenImageIO/(?!oiioversion)": {"bake/image.cpp", "bake/display.cpp"},
     r"assimp/": {"reference/mesh.cpp"},
     r"imgui": {"app/"},
     r"GLFW/": {"app/"},
     r"epoxy|EGL/|GL/|osmesa": {"app/"},
-    r"CLI/": {"bake/bake_main.cpp", "reference/render_options.cpp", "reference/compare_main.cpp", "app/main.cpp"},
+    r"CLI/": {"bake/bake_main.cpp", "bake/program.cpp", "reference/render_options.cpp", "reference/compare_main.cpp", "app/main.cpp"},
     r"nlohmann": {"bake/", "reference/render_main.cpp", "reference/compare_main.cpp", "app/"},
 }
 

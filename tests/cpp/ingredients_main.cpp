@@ -405,14 +405,7 @@ int measure(int argc, char** argv)
     reflectance->add_option("--footprints", options.footprints, "texels along a footprint's side");
     reflectance->add_option("--samples", options.samples, "of each half of each footprint");
     reflectance->add_option("--side", options.side, "0 front, 1 back")->check(CLI::Range(0, 1));
-    try {
-        app.parse(argc, argv);
-    } catch (const CLI::CallForHelp&) {
-        std::fputs(app.help().c_str(), stdout);
-        return 0;
-    } catch (const CLI::ParseError& error) {
-        throw UsageError("%s", error.what());
-    }
+    if (!parse_command_line(app, argc, argv)) return 0;
     const nlohmann::json report = visibility->parsed() ? measure_visibility_kinds(options)
                                   : sweep->parsed()    ? measure_sweep(options)
                                                        : measure_reflectance(options);

@@ -204,14 +204,7 @@ int run(int argc, char** argv)
     rates->add_option("-D", options.overrides, "path.to.key=value, as the programs")->allow_extra_args(false);
     CLI::App* sphere = app.add_subcommand("build", "seconds and bytes of a sphere's tree");
     sphere->add_option("--triangles", options.triangles, "about (default 1000)")->check(CLI::Range(8, 1 << 26));
-    try {
-        app.parse(argc, argv);
-    } catch (const CLI::CallForHelp&) {
-        std::fputs(app.help().c_str(), stdout);
-        return 0;
-    } catch (const CLI::ParseError& error) {
-        throw UsageError("%s", error.what());
-    }
+    if (!parse_command_line(app, argc, argv)) return 0;
     std::printf("%s\n", (rates->parsed() ? samples(options) : build(options)).dump().c_str());
     return 0;
 }

@@ -160,14 +160,7 @@ int run(int argc, char** argv)
         ->allow_extra_args(false);
     app.add_option("--side", options.side, "pixels along each side")->check(CLI::Range(16, 4096));
     app.add_option("--rounds", options.rounds)->check(CLI::Range(2, 100000));
-    try {
-        app.parse(argc, argv);
-    } catch (const CLI::CallForHelp&) {
-        std::fputs(app.help().c_str(), stdout);
-        return 0;
-    } catch (const CLI::ParseError& error) {
-        throw UsageError("%s", error.what());
-    }
+    if (!parse_command_line(app, argc, argv)) return 0;
     std::printf("%s\n", measure(options).dump(1).c_str());
     return 0;
 }
