@@ -8,9 +8,10 @@ namespace selvedge
 
 bool shade_again(Scene& scene, std::size_t fabric)
 {
-    auto yarns = shade_yarns(scene.fabric_sources[fabric]);
-    if (yarns.size() != scene.fabrics[fabric].yarns.size()) return false;
-    scene.fabrics[fabric].yarns = std::move(yarns);
+    const Fabric& source = scene.fabric_sources[fabric];
+    PackedFabric& packed = scene.fabrics[fabric];
+    if (yarn_types(source).types.size() != packed.yarn_names.size()) return false;
+    packed.yarns = shade_yarns(source, packed.stacks, scene.model.stacked);
     return true;
 }
 
@@ -28,7 +29,10 @@ static void retile(Mesh& mesh, glm::dvec2 factor)
 
 void bake_again(Scene& scene, std::size_t fabric)
 {
-    PackedFabric baked = bake_fabric(scene.fabric_sources[fabric]);
+    BakeOptions options;
+    options.visibility = scene.model.visibility;
+    options.stacked = scene.model.stacked;
+    PackedFabric baked = bake_fabric(scene.fabric_sources[fabric], options);
     const glm::dvec2 factor = glm::dvec2(scene.fabrics[fabric].tile_m) / glm::dvec2(baked.tile_m);
     scene.fabrics[fabric] = std::move(baked);
     if (factor == glm::dvec2(1)) return;

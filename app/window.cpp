@@ -109,6 +109,7 @@ class Window
         ImGui_ImplGlfw_InitForOpenGL(handle, true);
         ImGui_ImplOpenGL3_Init("#version 410 core");
         view.settings = scene.model.settings;
+        view.stacked = scene.model.stacked;
         view.footprint_samples = options.footprint_samples;
         view.paths = options.paths;
         view.max_depth = options.max_depth;
@@ -377,6 +378,11 @@ class Window
         dirty |= edits.view;
         if (edits.settings) {
             scene.model.settings = view.settings;
+            if (scene.model.stacked != view.stacked) {
+                scene.model.stacked = view.stacked;
+                for (std::size_t fabric = 0; fabric < scene.fabrics.size(); ++fabric) shade_again(scene, fabric);
+                preview->yarns_changed();
+            }
             preview->model_changed();
             preview->set_options(preview_options());
         }

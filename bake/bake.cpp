@@ -5,6 +5,8 @@
 #include <chrono>
 #include <cmath>
 #include <functional>
+#include <map>
+#include <utility>
 
 #include <tbb/parallel_for.h>
 
@@ -40,7 +42,36 @@ class Stopwatch
     std::chrono::steady_clock::time_point last = std::chrono::steady_clock::now();
 };
 
-void pack_side(const FabricMaps& maps, int s, const std::vector<float>& irradiance, PackedSide& out)
+// The stacks that occur, the most frequent first, as many as there are numbers for beside the yarn types.
+std::vector<YarnStack> find_stacks(const FabricMaps& maps, std::size_t types)
+{
+    std::map<std::pair<std::uint8_t, std::uint8_t>, std::size_t> texels;
+    for (std::size_t i = 0; i < maps.stacked.size(); ++i)
+        for (int s = 0; s < 2 && maps.stacked[i]; ++s) ++texels[{maps.side[s].yarn[i], maps.side[1 - s].yarn[i]}];
+    std::vector<std::pair<std::size_t, YarnStack>> order;
+    for (const auto& [pair, count] : texels) order.push_back({count, {pair.first, pair.second}});
+    std::stable_sort(order.begin(), order.end(), [](const auto& a, const auto& b) { return a.first > b.first; });
+    std::vector<YarnStack> stacks;
+    for (const auto& [count, stack] : order)
+        if (types + stacks.size() < std::size_t(yarn_type_limit)) stacks.push_back(stack);
+    return stacks;
+}
+
+// Row of PackedFabric::yarns. A stack without a number is the most frequent one with the same upper yarn, or that
+// alone.
+int yarn_of(const FabricMaps& maps, int s, std::size_t i, const std::vector<YarnStack>& stacks, std::size_t types)
+{
+    const YarnStack here{maps.side[s].yarn[i], maps.side[1 - s].yarn[i]};
+    if (!maps.stacked[i]) return here.upper;
+    auto at = std::find(stacks.begin(), stacks.end(), here);
+    if (at == stacks.end())
+        at = std::find_if(stacks.begin(), stacks.end(),
+                          [&](const YarnStack& stack) { return stack.upper == here.upper; });
+    return at == stacks.end() ? here.upper : static_cast<int>(types + std::size_t(at - stacks.begin()));
+}
+
+void pack_side(const FabricMaps& maps, int s, const std::vector<float>& irradiance,
+               const std::vector<YarnStack>& stacks, std::size_t types, PackedSide& out)
 {
     const SideMaps& side = maps.side[s];
     out.texels.resize(side.slope.size());
@@ -49,7 +80,7 @@ void pack_side(const FabricMaps& maps, int s, const std::vector<float>& irradian
         texel.gap = maps.gap[i] != 0;
         texel.slope = texel.gap ? glm::vec2(0) : side.slope[i];
         texel.azimuth = side.azimuth[i];
-        texel.yarn = side.yarn[i];
+        texel.yarn = yarn_of(maps, s, i, stacks, types);
         texel.irradiance = irradiance[i];
         out.texels[i] = pack_texel(texel);
     }
@@ -176,12 +207,21 @@ Geometry geometry_of(const Fabric& fabric, int resolution)
 
 } // namespace
 
-std::vector<cloth::f32::ClothYarn> shade_yarns(const Fabric& fabric)
+std::vector<cloth::f32::ClothYarn> shade_yarns(const Fabric& fabric, const std::vector<YarnStack>& stacks, bool stacked)
 {
     std::vector<cloth::f32::ClothYarn> out;
     const SlabTable warp = slab_table(fabric.warp), weft = slab_table(fabric.weft);
-    for (const YarnTypes::Type& type : yarn_types(fabric).types)
-        out.push_back(shade_yarn(type.warp ? fabric.warp : fabric.weft, type.tint, type.warp ? warp : weft));
+    const std::vector<YarnTypes::Type> types = yarn_types(fabric).types;
+    const auto slab = [&](std::size_t type) -> const SlabTable& { return types[type].warp ? warp : weft; };
+    for (std::size_t k = 0; k < types.size(); ++k)
+        out.push_back(shade_yarn(types[k].warp ? fabric.warp : fabric.weft, types[k].tint, slab(k)));
+    for (const auto [upper, lower] : stacks)
+        out.push_back(stacked ? stack_yarns(out.at(upper), slab(upper), out.at(lower), slab(lower)) : out.at(upper));
+    for (cloth::f32::ClothYarn& yarn : out)
+        if (!stacked) {
+            yarn.transmittance = glm::vec3(0);
+            yarn.albedo = yarn.reflectance;
+        }
     return out;
 }
 
@@ -204,6 +244,7 @@ void bake_maps(const Geometry& geometry, const YarnTypes& types, PackedFabric& p
     spent.pattern_seconds = stage.lap();
     const FabricMaps maps = project_plies(model, packed.size, samples_for(packed.size));
     count_cover(maps, types, packed);
+    packed.stacks = find_stacks(maps, types.types.size());
     const int sides = packed.back_shift ? 1 : 2;
     for (int s = 0; s < sides; ++s) pack_heights(maps.side[s].height_m, packed.side[s]);
     spent.maps_seconds = stage.lap();
@@ -216,7 +257,7 @@ void bake_maps(const Geometry& geometry, const YarnTypes& types, PackedFabric& p
             if (maps.gap[i]) shown[i] = glm::vec2(0);
         const std::vector<float> irradiance = cosine_irradiance(side.horizons, shown, packed.size);
         spent.visibility_seconds += stage.lap();
-        pack_side(maps, s, irradiance, side);
+        pack_side(maps, s, irradiance, packed.stacks, types.types.size(), side);
         spent.normals_seconds += stage.lap();
     }
     for (int s = 0; s < 2; ++s)
@@ -280,10 +321,6 @@ PackedFabric bake_fabric(const Fabric& fabric, const BakeOptions& options, BakeR
     packed.warnings.insert(packed.warnings.end(), geometry.warnings.begin(), geometry.warnings.end());
     const YarnTypes types = yarn_types(fabric);
     for (const YarnTypes::Type& type : types.types) packed.yarn_names.push_back(type.name);
-    packed.yarns = shade_yarns(fabric);
-    for (const auto& yarn : packed.yarns)
-        packed.transmits = packed.transmits || glm::any(glm::greaterThan(yarn.albedo_t + yarn.diffuse_t, glm::vec3(0)));
-
     const std::string hash = options.use_cache ? geometry.hash() : "";
     const auto part = [&](CachePart which, const auto& bake) {
         std::vector<std::string> warnings;
@@ -297,6 +334,9 @@ PackedFabric bake_fabric(const Fabric& fabric, const BakeOptions& options, BakeR
     if (kind != VisibilityKind::horizon8 && kind != VisibilityKind::exact)
         part(CachePart::visibility, [&](auto&) { bake_visibility(packed, spent); });
     mirror_front(packed);
+    packed.yarns = shade_yarns(fabric, packed.stacks, options.stacked);
+    for (const auto& yarn : packed.yarns)
+        packed.transmits = packed.transmits || glm::any(glm::greaterThan(yarn.albedo_t + yarn.diffuse_t, glm::vec3(0)));
     spent.cached = spent.baked.empty();
     finish(fabric, packed);
     spent.memory_bytes = packed.resident_bytes();

@@ -14,6 +14,7 @@ namespace selvedge
 struct BakeOptions {
     int resolution = 0;                       // 0: the fabric's own
     std::optional<VisibilityKind> visibility; // absent: the fabric's own
+    bool stacked = true;   // light that has crossed one yarn meets the next (ModelSpec::stacked)
     bool use_cache = true; // read and write $SELVEDGE_CACHE, $XDG_CACHE_HOME/selvedge or ~/.cache/selvedge
     bool force = false;    // bake even when cached (and write the cache again)
 };
@@ -36,9 +37,11 @@ PackedFabric bake_fabric(const Fabric& fabric, const BakeOptions& options = {}, 
 //   throws  InputError: a repeat too large to resolve
 PlyModel ply_model(const Fabric& fabric);
 
-// The yarn types of a fabric as the shader reads them, in the order of the packed yarn indices; costs microseconds:
-// for live edits of albedo, roughness, thickness, fibre twist. `names` and the count are those of the bake.
-std::vector<cloth::f32::ClothYarn> shade_yarns(const Fabric& fabric);
+// PackedFabric::yarns of a fabric; costs microseconds: for live edits of albedo, roughness, thickness, fibre twist.
+//   stacks   of the bake
+//   stacked  false: a stack is its upper yarn alone
+std::vector<cloth::f32::ClothYarn> shade_yarns(const Fabric& fabric, const std::vector<YarnStack>& stacks = {},
+                                               bool stacked = true);
 
 // Accuracy of the packed visibility against exact horizons of the packed heights, both sides (math.md 8.4).
 struct VisibilityError {

@@ -19,7 +19,7 @@ namespace
 {
 
 // Raise it when the words of a bake change for the same inputs.
-constexpr std::uint32_t format_version = 4;
+constexpr std::uint32_t format_version = 5;
 constexpr char magic[8] = {'s', 'e', 'l', 'v', 'b', 'a', 'k', 'e'};
 constexpr std::uint32_t warning_limit = 1000;
 
@@ -106,6 +106,7 @@ void pass(Archive& archive, CachePart part, Packed& fabric, Warnings& warnings)
     archive.value(fabric.warp_cover);
     archive.value(fabric.weft_cover);
     archive.value(fabric.gap_cover);
+    archive.array(fabric.stacks);
     std::uint32_t count = static_cast<std::uint32_t>(warnings.size());
     archive.value(count);
     if constexpr (!std::is_const_v<Warnings>) warnings.resize(std::min(count, warning_limit));

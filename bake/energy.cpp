@@ -57,10 +57,8 @@ SlabTable slab_table(const YarnSpec& spec)
         table.rows[k].angle_deg = glm::degrees(std::acos(c_o));
         table.rows[k].albedo = slab_albedo(alpha_r, alpha_t, double(spec.thickness), c_o, std::sin(glm::radians(turn)));
     });
-    double mean = 0;
     for (int k = 0; k < SlabTable::shares * SlabTable::turns; ++k)
-        mean += table.rows[k].albedo.x / (SlabTable::shares * SlabTable::turns);
-    table.reflectance = float(mean);
+        table.mean += table.rows[k].albedo / double(SlabTable::shares * SlabTable::turns);
     return table;
 }
 
@@ -130,8 +128,41 @@ cloth::f32::ClothYarn shade_yarn(const YarnSpec& spec, glm::vec3 tint, const Sla
     yarn.thickness = spec.thickness;
     yarn.twist = glm::radians(spec.fibre_twist_deg);
     yarn.diffuse_mix = spec.diffuse_mix;
-    yarn.reflectance = yarn.diffuse_r + yarn.albedo_r * slab.reflectance;
+    yarn.reflectance = yarn.diffuse_r + yarn.albedo_r * float(slab.mean.x);
+    yarn.transmittance = yarn.diffuse_t + yarn.albedo_t * float(slab.mean.y);
+    yarn.albedo = yarn.reflectance + yarn.transmittance + float(slab.mean.z);
     return yarn;
+}
+
+cloth::f32::ClothYarn stack_yarns(const cloth::f32::ClothYarn& upper, const SlabTable& upper_slab,
+                                  const cloth::f32::ClothYarn& lower, const SlabTable& lower_slab)
+{
+    cloth::f32::ClothYarn stack = upper;
+    const double u = upper_slab.mean.z, u_lower = lower_slab.mean.z;
+    for (int c = 0; c < 3; ++c) {
+        const double r = double(upper.reflectance[c]), r_lower = double(lower.reflectance[c]);
+        const double t = double(upper.transmittance[c]) + u, t_lower = double(lower.transmittance[c]) + u_lower;
+        const double between = 1 / std::max(1 - r * r_lower, 1e-6); // light to and fro between the two
+        const double back = t * t * r_lower * between;
+        const double lobe =
+            double(upper.albedo_t[c]) * u_lower; // goes on through the lower yarn without meeting a fibre
+        const double through = std::max(t * t_lower * between - u * u_lower - lobe * upper_slab.mean.y, 0.0);
+        // Both are means over directions, too.
+        double room = 1;
+        for (const SlabTable::Row& row : upper_slab.rows)
+            room = std::min(room, 1 - double(upper.diffuse_r[c]) - double(upper.albedo_r[c]) * row.albedo.x -
+                                      lobe * row.albedo.y -
+                                      std::pow(row.albedo.z, 1 + double(lower.thickness) / double(upper.thickness)));
+        const double scale = std::clamp(room / std::max(back + through, 1e-9), 0.0, 1.0);
+        stack.albedo_t[c] = float(lobe);
+        stack.diffuse_t[c] = float(scale * through);
+        stack.diffuse_r[c] += float(scale * back);
+        stack.reflectance[c] += float(scale * back);
+        stack.transmittance[c] = float(scale * through + lobe * upper_slab.mean.y);
+        stack.albedo[c] = stack.reflectance[c] + stack.transmittance[c] + float(u * u_lower);
+    }
+    stack.beneath = lower.thickness;
+    return stack;
 }
 
 SkySample sample_sky(const f32::ClothMaps& maps, int side, const f32::ClothFootprint& footprint, glm::vec3 o,

@@ -28,7 +28,7 @@ struct SlabTable {
         glm::dvec3 albedo;
     };
     Row rows[(shares + extremes) * turns];
-    float reflectance = 0; // R1, mean over the shares
+    glm::dvec3 mean{0}; // over the shares
 };
 SlabTable slab_table(const YarnSpec& spec);
 
@@ -42,6 +42,11 @@ float rescattering_probability(float thickness);
 // exceed it at grazing angles in the whitest yarns.
 //   tint  of the draft's colour, [0, 1];  slab  slab_table of the spec
 cloth::f32::ClothYarn shade_yarn(const YarnSpec& spec, glm::vec3 tint, const SlabTable& slab);
+
+// Two yarns that lie over each other, as one yarn seen from the side of the upper one: the mathematics are in
+// docs/model.md, "Two yarns over each other".
+cloth::f32::ClothYarn stack_yarns(const cloth::f32::ClothYarn& upper, const SlabTable& upper_slab,
+                                  const cloth::f32::ClothYarn& lower, const SlabTable& lower_slab);
 
 // The largest share that a point of the yarn sends out of what it receives, over directions and channels; at most 1 if
 // energy is kept. Light between the fibres counts.

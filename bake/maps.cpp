@@ -37,12 +37,16 @@ struct Segments {
     std::vector<float> aspect;      // of the tube
     std::vector<glm::vec2> flat;    // of the tube: drawn out by so much to either side
     std::vector<std::uint8_t> yarn;
+    std::vector<std::uint32_t> thread;
+    std::vector<glm::ivec2> period; // of the thread: repeats from one end of its tubes to the other
 
     explicit Segments(const PlyModel& model)
     {
         for (const PlyTube& tube : model.tubes) {
             const std::size_t count = tube.points.size();
             const glm::vec3 stretch(1, 1, 1 / tube.aspect);
+            const glm::ivec2 repeats(glm::round(
+                glm::vec2(tube.points.back().centre_m - tube.points.front().centre_m) / model.tile_m));
             const auto direction = [&](std::size_t i) {
                 return glm::normalize((tube.points[i + 1].centre_m - tube.points[i].centre_m) * stretch);
             };
@@ -61,6 +65,8 @@ struct Segments {
                 aspect.push_back(tube.aspect);
                 flat.push_back(tube.flat_m);
                 yarn.push_back(static_cast<std::uint8_t>(tube.yarn));
+                thread.push_back(static_cast<std::uint32_t>(tube.thread));
+                period.push_back(repeats);
             }
         }
     }
@@ -129,6 +135,7 @@ struct Band {
     int columns = 0, first_row = 0, rows = 0;
     std::vector<float> z[2];               // front: highest; back: lowest, negated
     std::vector<std::uint32_t> segment[2]; // no_segment in gaps
+    std::vector<std::uint32_t> strand[2];  // whose it is: thread and lane, one number for each yarn in the cloth
     std::vector<glm::vec2> doubled[2];     // unit vector at twice the azimuth of the ply's centre line: t and -t agree
 
     void reset(int width, int first, int count)
@@ -138,6 +145,7 @@ struct Band {
         for (int side = 0; side < 2; ++side) {
             z[side].assign(size, std::numeric_limits<float>::lowest());
             segment[side].assign(size, no_segment);
+            strand[side].resize(size);
             doubled[side].resize(size);
         }
     }
@@ -259,8 +267,10 @@ struct Drawing {
 };
 
 // Rays along z against the tube between points i and i + 1.
-void rasterise(const Segments& segments, std::size_t i, float shift_m, glm::vec2 step_m, Band& band)
+//   shift  repeats along y by which it is moved
+void rasterise(const Segments& segments, std::size_t i, int shift, float tile_height, glm::vec2 step_m, Band& band)
 {
+    const float shift_m = static_cast<float>(shift) * tile_height;
     Bounds b = bounds_of(segments, i);
     b.low.y += shift_m, b.high.y += shift_m;
     const int row0 = std::max(band.first_row, static_cast<int>(std::ceil(b.low.y / step_m.y - 0.5f)));
@@ -279,7 +289,7 @@ void rasterise(const Segments& segments, std::size_t i, float shift_m, glm::vec2
 
     constexpr int rays = 64;
     float qx[rays], qy[rays], height[rays], doubled_x[rays], doubled_y[rays];
-    std::uint32_t cell[rays];
+    std::uint32_t cell[rays], strand[rays];
     int count = 0;
     const float a = 1 - d.z * d.z, across = std::sqrt(a), slack = overlap + 1e-4f * radius;
     for (int side = 0; side < 2; ++side) {
@@ -291,6 +301,7 @@ void rasterise(const Segments& segments, std::size_t i, float shift_m, glm::vec2
                 if (!(z > band.z[side][cell[k]])) continue;
                 band.z[side][cell[k]] = z;
                 band.segment[side][cell[k]] = static_cast<std::uint32_t>(i);
+                band.strand[side][cell[k]] = strand[k];
                 band.doubled[side][cell[k]] = {doubled_x[k], doubled_y[k]};
             }
             count = 0;
@@ -319,6 +330,10 @@ void rasterise(const Segments& segments, std::size_t i, float shift_m, glm::vec2
             const auto row_cell = static_cast<std::uint32_t>(band.at(0, row));
             const auto columns = static_cast<std::uint32_t>(band.columns);
             auto wrapped_column = static_cast<std::uint32_t>(wrapped(column0, band.columns));
+            // The repeat of the cloth whose tube is met in this tile. A thread goes on from repeat to repeat along its
+            // period; on another lane lies another yarn.
+            glm::ivec2 repeat((static_cast<int>(wrapped_column) - column0) / band.columns, shift);
+            const glm::ivec2 period = segments.period[i];
             for (int column = column0; column <= column1;) {
                 const int run = std::min(column1 - column + 1, rays - count);
                 for (int k = 0; k < run; ++k) {
@@ -331,7 +346,12 @@ void rasterise(const Segments& segments, std::size_t i, float shift_m, glm::vec2
                 }
                 for (int k = 0; k < run; ++k) {
                     cell[count + k] = row_cell + wrapped_column;
-                    wrapped_column = wrapped_column + 1 == columns ? 0 : wrapped_column + 1;
+                    const int lane = repeat.x * period.y - repeat.y * period.x;
+                    strand[count + k] = (segments.thread[i] << 8) + (static_cast<std::uint32_t>(lane) & 0xffu);
+                    if (++wrapped_column == columns) {
+                        wrapped_column = 0;
+                        --repeat.x;
+                    }
                 }
                 column += run;
                 count += run;
@@ -350,6 +370,7 @@ void filter_texel(const Segments& segments, const Band& band, int x, int y, int 
         static_cast<std::size_t>(y) * static_cast<std::size_t>(maps.size.x) + static_cast<std::size_t>(x);
     const int x0 = x * samples, y0 = y * samples, total = samples * samples;
     bool gap = false;
+    int two = 0; // samples that meet two yarns
     for (int side = 0; side < 2; ++side) {
         float sum = 0;
         // The yarn that most samples see; the mean of its segments' directions.
@@ -364,6 +385,7 @@ void filter_texel(const Segments& segments, const Band& band, int x, int y, int 
                 if (s == no_segment) continue;
                 ++covered;
                 sum += band.z[side][cell];
+                if (side == 0 && band.strand[0][cell] != band.strand[1][cell]) ++two;
                 int kind = 0;
                 while (kind < kinds && yarn[kind] != segments.yarn[s]) ++kind;
                 if (kind == kinds) {
@@ -375,7 +397,10 @@ void filter_texel(const Segments& segments, const Band& band, int x, int y, int 
                 doubled[kind] += band.doubled[side][cell];
                 ++votes[kind];
             }
-        if (side == 0) gap = 2 * covered <= total;
+        if (side == 0) {
+            gap = 2 * covered <= total;
+            maps.stacked[texel] = !gap && 2 * two > covered ? 1 : 0;
+        }
         maps.gap[texel] = gap ? 1 : 0;
         maps.side[side].height_m[texel] = gap ? 0.0f : sum / static_cast<float>(total);
         if (kinds == 0) continue; // fill_gaps says whose it is
@@ -561,6 +586,7 @@ FabricMaps project_plies(const PlyModel& model, glm::ivec2 size, int samples)
         side.yarn.assign(count, 0);
     }
     maps.gap.assign(count, 1);
+    maps.stacked.assign(count, 0);
 
     const Segments segments(model);
     const glm::vec2 step_m = model.tile_m / glm::vec2(size) / static_cast<float>(samples);
@@ -571,8 +597,7 @@ FabricMaps project_plies(const PlyModel& model, glm::ivec2 size, int samples)
         const int y0 = static_cast<int>(b) * band_rows, y1 = std::min(y0 + band_rows, size.y);
         band.reset(size.x * samples, y0 * samples, (y1 - y0) * samples);
         for (std::size_t k = bins.start[b]; k < bins.start[b + 1]; ++k)
-            rasterise(segments, bins.items[k].segment, static_cast<float>(bins.items[k].shift) * model.tile_m.y, step_m,
-                      band);
+            rasterise(segments, bins.items[k].segment, bins.items[k].shift, model.tile_m.y, step_m, band);
         for (int y = y0; y < y1; ++y)
             for (int x = 0; x < size.x; ++x) filter_texel(segments, band, x, y, samples, maps);
     });

@@ -30,6 +30,12 @@ glm::uint unorm8(float value)
 
 } // namespace
 
+int PackedFabric::type_of(int yarn) const
+{
+    const int types = static_cast<int>(yarn_names.size());
+    return yarn < types ? yarn : stacks.at(static_cast<std::size_t>(yarn - types)).upper;
+}
+
 std::size_t PackedFabric::resident_bytes() const
 {
     std::size_t bytes = 0;

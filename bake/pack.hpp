@@ -34,13 +34,21 @@ struct PackedSide {
 
 enum class VisibilityKind { horizon8, horizon16, cap, asg, asg_lsq, exact };
 
+// Yarn types of two yarns that lie over each other, seen from the side of the upper one.
+struct YarnStack {
+    std::uint8_t upper, lower;
+    bool operator==(const YarnStack&) const = default;
+};
+
 struct PackedFabric {
     std::string name;
     glm::ivec2 size{0};                       // texels (w, h), both even
     glm::vec2 tile_m{0};                      // size of the repeat [m]
     PackedSide side[2];                       // [0] front, [1] back
-    std::vector<cloth::f32::ClothYarn> yarns; // yarn types, 1 to 128
-    std::vector<std::string> yarn_names;      // "warp", "weft #2f4f9a": one for each yarn type
+    std::vector<std::string> yarn_names; // "warp", "weft #2f4f9a": one for each yarn type
+    std::vector<YarnStack> stacks;       // two yarns over each other, those that occur
+    // What texels name: the yarn types, then the stacks as the one yarn that each is to the eye; 1 to 128.
+    std::vector<cloth::f32::ClothYarn> yarns;
     VisibilityKind visibility = VisibilityKind::horizon8;
     // Where the cloth is its own mirror image: texel (x, y) of the back is (x, y) + back_shift of the front. Such a
     // back is not baked, and the cache does not hold it.
@@ -56,6 +64,8 @@ struct PackedFabric {
     // What a renderer keeps on the device for the model "ours" with this visibility: texels, heights, and what the kind
     // looks at. The slope mips take the heights' place where the weight is `mips`.
     std::size_t resident_bytes() const;
+    // The yarn type that a texel shows: itself, or the upper one of the stack.
+    int type_of(int yarn) const;
     double visibility_bytes_per_texel() const; // and side
 };
 
@@ -78,7 +88,7 @@ cloth::f32::ClothMaps maps_of(const PackedFabric& fabric);
 struct Texel {
     glm::vec2 slope{0}; // (dh/dx, dh/dy)
     float azimuth = 0;  // of the ply's tangent [rad], [0, pi)
-    int yarn = 0;       // yarn type
+    int yarn = 0;         // row of PackedFabric::yarns
     bool gap = false;
     float irradiance = 1; // I_p, cosine irradiance under a uniform sky (math.md 8.1), [0, 1]
 };

@@ -197,16 +197,16 @@ CLOTH_FN real3 cloth_point_value(ClothPoint p, ClothYarn yarn, real3 i, real3 o,
 CLOTH_FN real cloth_unscattered(ClothPoint p, ClothYarn yarn, real3 o)
 {
     real c_o = max(dot(p.normal_f, o), cloth_cosine_min);
-    return exp(-min(yarn.thickness * cloth_sggx_sigma(o, p.tangent, yarn.alpha_t) / c_o, cloth_depth_max));
+    return exp(-min((yarn.thickness + yarn.beneath) * cloth_sggx_sigma(o, p.tangent, yarn.alpha_t) / c_o, cloth_depth_max));
 }
 
-// Light that yarns reflect onto each other, as one more diffuse lobe about n_s: albedo of the series over all bounces less
-// the first [9.1].
-//   rho  reflectance of the yarn, [0, 1];  openness  I_p, (0, 1]
-CLOTH_FN real3 cloth_interreflection(real3 rho, real openness)
+// Light that reaches a point by way of other yarns, over all bounces, relative to what an open place receives: E - I_p with
+// E = I_p / (1 - a (1 - I_p)) [9.1].
+//   albedo  a, what a yarn gives on of the light that falls on it, [0, 1];  openness  I_p, (0, 1]
+CLOTH_FN real3 cloth_interreflection(real3 albedo, real openness)
 {
-    real3 kept = (real3(real(1)) - rho) + rho * openness;   // 1 - rho (1 - openness) without cancelling
-    return rho * rho * (openness * (real(1) - openness)) / max(kept, real3(real(1e-4)));
+    real3 kept = (real3(real(1)) - albedo) + albedo * openness;   // 1 - a (1 - openness) without cancelling
+    return albedo * (openness * (real(1) - openness)) / max(kept, real3(real(1e-4)));
 }
 
 // Selection probabilities of the lobes at a point: x specular reflection, y specular transmission, z diffuse reflection,

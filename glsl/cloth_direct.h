@@ -13,8 +13,10 @@ struct ClothShading {
     real3 albedo;               // not of fabrics; of metal its reflectance at normal incidence
     real roughness;             // of metal: alpha of GGX; 0: no metal
     ClothSelection selection;   // fabric only
-    real3 between;              // albedo of the light between yarns [9.1]
+    real3 between_r;            // albedo of the light between yarns [9.1]: what comes from the viewer's side
+    real3 between_t;            // from the other side
     real between_share;         // probability of sampling it: its share in the albedo, as for the lobes of a point [6.5]
+    real between_front;         // share of between_r in that
 };
 
 struct ClothDirect {
@@ -31,8 +33,10 @@ CLOTH_FN ClothShading cloth_shade_plain(real3 albedo, real roughness)
     shading.matte     = true;
     shading.albedo    = albedo;
     shading.roughness = roughness;
-    shading.between   = real3(real(0));
+    shading.between_r = real3(real(0));
+    shading.between_t = real3(real(0));
     shading.between_share = real(0);
+    shading.between_front = real(0);
     return shading;
 }
 
@@ -53,20 +57,17 @@ CLOTH_FN bool cloth_lights_between(ClothSettings settings)
 
 CLOTH_FN ClothShading cloth_shade_fabric(ClothSelection selection, ClothSettings settings)
 {
-    ClothShading shading;
+    ClothShading shading = cloth_shade_plain(real3(real(0)), real(0));
     shading.matte     = false;
-    shading.albedo    = real3(real(0));
-    shading.roughness = real(0);
     shading.selection = selection;
-    shading.between   = real3(real(0));
-    shading.between_share = real(0);
-    if (cloth_lights_between(settings)) {
-        ClothYarn yarn  = selection.yarn;
-        shading.between = cloth_interreflection(yarn.reflectance, selection.texel.openness_f);
-        real lobe  = cloth_luminance(shading.between);
-        real point = cloth_luminance(yarn.albedo_r + yarn.albedo_t + yarn.diffuse_r + yarn.diffuse_t);
-        shading.between_share = lobe / max(lobe + point, real(1e-20));
-    }
+    if (!cloth_lights_between(settings)) return shading;
+    ClothYarn yarn = selection.yarn;
+    shading.between_r = yarn.reflectance * cloth_interreflection(yarn.albedo, selection.texel.openness_f);
+    shading.between_t = yarn.transmittance * cloth_interreflection(yarn.albedo, selection.texel.openness_b);
+    real front = cloth_luminance(shading.between_r), lobe = front + cloth_luminance(shading.between_t);
+    real point = cloth_luminance(yarn.albedo_r + yarn.albedo_t + yarn.diffuse_r + yarn.diffuse_t);
+    shading.between_share = lobe / max(lobe + point, real(1e-20));
+    shading.between_front = front / max(lobe, real(1e-20));
     return shading;
 }
 
@@ -83,18 +84,23 @@ CLOTH_FN real3 cloth_shading_value(CLOTH_IN(ClothMaps) maps, CLOTH_IN(ClothShadi
     if (v > real(0))
         value = cloth_point_value(shading.selection.texel.point, shading.selection.yarn, wi, wo, settings.slab) * v;
     // Light that reached the point by way of other yarns has no horizon of its own: openness has counted it.
-    if (cloth_lights_between(settings) && reflected) value += shading.between * (wi.z / cloth_pi);
+    if (cloth_lights_between(settings)) value += (reflected ? shading.between_r : shading.between_t) * (abs(wi.z) / cloth_pi);
     return value * shading.selection.weight;
+}
+
+// Density of the light between yarns [1/sr].
+CLOTH_FN real cloth_between_pdf(CLOTH_IN(ClothShading) shading, real3 wi)
+{
+    return (wi.z > real(0) ? shading.between_front : real(1) - shading.between_front) * abs(wi.z) / cloth_pi;
 }
 
 // Density of cloth_shading_sample [1/sr].
 CLOTH_FN real cloth_shading_pdf(CLOTH_IN(ClothShading) shading, real3 wi, real3 wo, ClothSettings settings)
 {
     if (cloth_shading_is_metal(shading)) return cloth_metal_pdf(shading.roughness, wi, wo);
-    real cosine = max(wi.z, real(0)) / cloth_pi;
-    if (shading.matte) return cosine;
+    if (shading.matte) return max(wi.z, real(0)) / cloth_pi;
     real pdf = cloth_point_pdf(shading.selection.texel.point, shading.selection.yarn, wi, wo);
-    return cloth_lights_between(settings) ? mix(pdf, cosine, shading.between_share) : pdf;
+    return cloth_lights_between(settings) ? mix(pdf, cloth_between_pdf(shading, wi), shading.between_share) : pdf;
 }
 
 // A direction of light. u_lobe chooses the lobe, u the direction in it; all in [0, 1).
@@ -104,11 +110,12 @@ CLOTH_FN ClothSample cloth_shading_sample(CLOTH_IN(ClothShading) shading, real3 
     real share = shading.matte ? real(1) : shading.between_share;
     if (u_lobe.x < share) {
         real3 wi = cloth_cosine_sample(real3(real(0), real(0), real(1)), u);
+        if (!shading.matte && u_lobe.x >= share * shading.between_front) wi = cloth_mirror(wi);
         return ClothSample(wi, cloth_shading_pdf(shading, wi, wo, settings));
     }
     real2 u_point = real2(min((u_lobe.x - share) / max(real(1) - share, real(1e-6)), real(0.99999994)), u_lobe.y);
     ClothSample s = cloth_point_sample(shading.selection.texel.point, shading.selection.yarn, wo, u_point, u);
-    if (s.pdf > real(0)) s.pdf = mix(s.pdf, max(s.wi.z, real(0)) / cloth_pi, share);
+    if (s.pdf > real(0)) s.pdf = mix(s.pdf, cloth_between_pdf(shading, s.wi), share);
     return s;
 }
 

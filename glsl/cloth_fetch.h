@@ -87,7 +87,7 @@ uniform usamplerBuffer map_words;      // RG32UI: texels and horizons of all fab
 uniform usamplerBuffer slope_words;    // R32UI: slope mips of all fabrics
 uniform usamplerBuffer height_words;   // R16UI: heights of all fabrics
 uniform samplerBuffer asg_table;       // RGBA32F, two records a texel
-uniform samplerBuffer yarn_table;      // RGBA32F, five texels a yarn type
+uniform samplerBuffer yarn_table;      // RGBA32F, seven texels a yarn type
 uniform samplerBuffer light_table;     // RGBA32F, six texels a light
 uniform sampler2D environment_map;     // RGBA32F
 uniform usampler2D alias_map;          // RG32UI, as large as the environment
@@ -139,10 +139,11 @@ vec4 cloth_fetch_asg(ClothMaps maps, int side, ivec2 xy, int record)
 }
 ClothYarn cloth_fetch_yarn(ClothMaps maps, int index)
 {
-    int base = (maps.yarns + index) * 5;
+    int base = (maps.yarns + index) * 7;
     vec4 a = texelFetch(yarn_table, base), b = texelFetch(yarn_table, base + 1), c = texelFetch(yarn_table, base + 2);
-    vec4 d = texelFetch(yarn_table, base + 3), e = texelFetch(yarn_table, base + 4);
-    return ClothYarn(a.xyz, b.xyz, c.xyz, d.xyz, a.w, b.w, c.w, d.w, e.w, e.xyz);
+    vec4 d = texelFetch(yarn_table, base + 3), e = texelFetch(yarn_table, base + 4), f = texelFetch(yarn_table, base + 5);
+    vec4 g = texelFetch(yarn_table, base + 6);
+    return ClothYarn(a.xyz, b.xyz, c.xyz, d.xyz, a.w, b.w, c.w, d.w, e.w, e.xyz, f.xyz, g.xyz, f.w);
 }
 ClothLight cloth_fetch_light(ClothLights lights, int index)
 {

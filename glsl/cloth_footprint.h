@@ -167,6 +167,13 @@ CLOTH_FN ClothPlace cloth_find(CLOTH_IN(ClothMaps) maps, int side, ClothFootprin
     return ClothPlace(cloth_spot_at(maps, chosen), ivec2(int(base.x), int(base.y)), area);
 }
 
+// Share of a straight way that goes on where one yarn more may be in its way: past it, or through it as through the one here.
+//   v  visibility;  unscattered  the yarn's share U
+CLOTH_FN real cloth_clears(real v, real unscattered)
+{
+    return v + (real(1) - v) * unscattered;
+}
+
 // What the ray meets at a found point.
 //   u       cloth_dim_pick, y
 //   stops   true where the ray is known to stop here: what hides the light behind need not be looked up again
@@ -196,13 +203,13 @@ CLOTH_FN ClothSelection cloth_meet(CLOTH_IN(ClothMaps) maps, int side, ClothFoot
     // Straight through a gap if the line clears the yarns behind as well. A gap point that does not is the flank of its
     // nearest yarn, shaded with n_s [5.2]; the paper has no flank. Through a yarn goes what meets no fibre. A weight other
     // than 1 is spent as a probability, which saturates above 1: it cannot be carried to the next layer.
-    real through = real(0);
-    if (result.texel.gap) through = real(1);
-    else if (settings.unscattered) through = cloth_unscattered(result.texel.point, result.yarn, o);
-    through      *= min(result.weight, real(1));
-    result.passes = !stops && u < through;
-    if (result.passes && meso)
-        result.passes = u < through * cloth_visibility_at(maps, 1 - side, place.spot, real3(-o.x, -o.y, o.z), settings);
+    real unscattered = settings.unscattered ? cloth_unscattered(result.texel.point, result.yarn, o) : real(0);
+    real through     = (result.texel.gap ? real(1) : unscattered) * min(result.weight, real(1));
+    result.passes    = !stops && u < through;
+    if (result.passes && meso) {
+        real v        = cloth_visibility_at(maps, 1 - side, place.spot, real3(-o.x, -o.y, o.z), settings);
+        result.passes = u < through * cloth_clears(v, unscattered);
+    }
     if (result.texel.gap && !result.passes && !relief && !resample && meso) result.weight = real(0);
     // The slab's albedo leaves out what goes straight through: a yarn that is shaded stands for those draws as well, and one
     // whose straight way ends at the yarns behind is dark.
@@ -228,16 +235,17 @@ CLOTH_FN real cloth_transmittance(CLOTH_IN(ClothMaps) maps, real2 tile, real3 d,
     bool gap   = cloth_texel_is_gap(cloth_fetch_texel(maps, 0, spot >> 2));
     real3 up   = d.z < real(0) ? -d : d;   // the same line, leaving the front
     if (up.z <= real(0) || !(gap || settings.unscattered)) return real(0);
-    real share = real(1);
-    if (!gap) {
+    real share = real(1), unscattered = real(0);
+    if (settings.unscattered) {
         ClothTexel texel = cloth_texel(maps, 0, spot >> 2, ivec2(0, 0), false);
         real facing      = dot(texel.point.normal_f, up);
-        if (facing <= real(0)) return real(0);
-        share = cloth_unscattered(texel.point, cloth_fetch_yarn(maps, texel.yarn), up);
+        if (!gap && facing <= real(0)) return real(0);
+        unscattered = cloth_unscattered(texel.point, cloth_fetch_yarn(maps, texel.yarn), up);
+        if (!gap) share = unscattered;
         // Points of the meso model count by their area, those of the micro model all alike, as in cloth_find.
-        if (settings.bsdf == cloth_bsdf_meso) share *= facing * texel.point.length_f / max(up.z, cloth_cosine_min);
+        if (!gap && settings.bsdf == cloth_bsdf_meso) share *= facing * texel.point.length_f / max(up.z, cloth_cosine_min);
     }
     if (!cloth_uses_visibility(settings)) return share;
-    return share * cloth_visibility_at(maps, 0, spot, up, settings) *
-           cloth_visibility_at(maps, 1, spot, real3(-up.x, -up.y, up.z), settings);
+    return share * cloth_clears(cloth_visibility_at(maps, 0, spot, up, settings), unscattered) *
+           cloth_clears(cloth_visibility_at(maps, 1, spot, real3(-up.x, -up.y, up.z), settings), unscattered);
 }

@@ -11,6 +11,7 @@ struct ClothTexel {
     int yarn;              // yarn type; that of the nearest yarn in a gap
     bool gap;
     real openness_f;       // I_p, cosine irradiance of the front [8.1]
+    real openness_b;
 };
 
 CLOTH_FN real2 cloth_decode_slopes(uint word)
@@ -70,7 +71,7 @@ CLOTH_FN ClothTexel cloth_texel(CLOTH_IN(ClothMaps) maps, int side, ivec2 xy, iv
     real twist   = (noise ? cloth_twist(maps, omega, xy, tile) : omega) * (side == 0 ? real(1) : real(-1));
     real3 t      = cos(twist) * t_p + sin(twist) * cross(n_f, t_p);
     return ClothTexel(ClothPoint(n_f, n_b, t, len_f, len_b), s_f, yarn, cloth_texel_is_gap(front),
-                      real(front.y >> 24u) / real(255));
+                      real(front.y >> 24u) / real(255), real(back.y >> 24u) / real(255));
 }
 
 // Half-resolution texel along one axis whose horizons a spot sees: its own, or from the outermost quarter of a texel the next

@@ -12,6 +12,9 @@ struct ClothYarn {
     real twist;        // fibre angle to the ply, about the ply normal [rad]
     real diffuse_mix;  // w of [4.1]: 1 = Lambert about the ply normal, 0 = about the macroscopic normal
     real3 reflectance; // rho of [9.1]: what a yarn surface gives back of light from all around, reflection lobes only
+    real3 transmittance; // of light from all around, what comes out on the other side scattered; 0 where that is taken to meet no yarn
+    real3 albedo;        // what it gives on in all, unscattered light included; rho where transmittance is 0
+    real beneath;      // optical thickness of the yarn that lies under this one, where one does: on the straight way [model.md]
 };
 
 CLOTH_CONST int cloth_light_environment = 0;

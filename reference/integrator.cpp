@@ -43,7 +43,7 @@ f32::ClothShading only_lobe(const f32::ClothShading& shading, AovIndex term)
     if (term != aov_index_reflection_diffuse) yarn.diffuse_r = glm::vec3(0.0f);
     if (term != aov_index_transmission_specular) yarn.albedo_t = glm::vec3(0.0f);
     if (term != aov_index_transmission_diffuse) yarn.diffuse_t = glm::vec3(0.0f);
-    if (term != aov_index_multiple_scattering) lobe.between = glm::vec3(0.0f);
+    if (term != aov_index_multiple_scattering) lobe.between_r = lobe.between_t = glm::vec3(0.0f);
     return lobe;
 }
 
@@ -395,7 +395,8 @@ void Renderer::add_first_aovs(Batch& batch, std::uint32_t lane, RenderState& sta
             for (int c = 0; c < 2; ++c) to[c] = double(first.surface.tile[c] - std::floor(first.surface.tile[c]));
         if (double* to = layer(aov_index_object)) *to = double(first.object + 1);
         if (double* to = layer(aov_index_fabric)) *to = double(object.fabric + 1);
-        if (double* to = layer(aov_index_yarn)) *to = shading.matte ? 0.0 : double(shading.selection.texel.yarn + 1);
+        if (double* to = layer(aov_index_yarn); to && !shading.matte)
+            *to = double(scene_.fabrics[std::size_t(object.fabric)].type_of(shading.selection.texel.yarn) + 1);
     }
     if (double* to = layer(aov_index_visibility); to && !shading.matte && lights_.count > 0) {
         // Light sampling alone: cloth_direct's own direction is drawn to fit the fibres.

@@ -72,7 +72,7 @@ ModelSpec model_preset(const std::string& mode)
     ModelSpec model;
     model.settings = full_model;
     if (mode == "ours") return model;
-    model.settings.unscattered = model.settings.interreflection = false;
+    model.settings.unscattered = model.settings.interreflection = model.stacked = false;
     if (mode == "jin") {
         model.settings.bsdf = f32::cloth_bsdf_micro;
         model.settings.slab = f32::cloth_slab_macro;
@@ -88,7 +88,7 @@ ModelSpec model_preset(const std::string& mode)
 ModelSpec parse_model(const JsonValue& value)
 {
     value.expect_object(
-        {"mode", "bsdf", "weight", "visibility", "slab", "unscattered", "interreflection", "twist_noise"});
+        {"mode", "bsdf", "weight", "visibility", "slab", "unscattered", "stacked", "interreflection", "twist_noise"});
     ModelSpec model = model_preset(value.has("mode") ? value["mode"].choice({"ours", "paper", "jin"}) : "ours");
     f32::ClothSettings& settings = model.settings;
     read_word(value, "bsdf", bsdf_words, settings.bsdf);
@@ -102,6 +102,7 @@ ModelSpec parse_model(const JsonValue& value)
         model.visibility = row.kind;
     }
     settings.unscattered = value.boolean("unscattered", settings.unscattered);
+    model.stacked = value.boolean("stacked", model.stacked);
     settings.interreflection = value.boolean("interreflection", settings.interreflection);
     settings.twist_noise = value.boolean("twist_noise", settings.twist_noise);
     return model;
@@ -119,6 +120,7 @@ nlohmann::json model_json(const ModelSpec& model)
             {"visibility", visibility},
             {"slab", name_of(slab_words, settings.slab)},
             {"unscattered", settings.unscattered},
+            {"stacked", model.stacked},
             {"interreflection", settings.interreflection},
             {"twist_noise", settings.twist_noise}};
 }

@@ -15,14 +15,16 @@ struct ModelSpec {
     cloth::f32::ClothSettings settings{};
     // What the bake has to provide; the shader's settings know no more than the kind of look-up.
     VisibilityKind visibility = VisibilityKind::horizon8;
+    bool stacked = true; // light that has crossed one yarn meets the next: the yarns' numbers say it (shade_yarns)
 };
 
-// The presets: "ours" (relief, horizons, unscattered light, interreflection, twist noise) and "paper" (weights from the
+// The presets: "ours" (relief, horizons, unscattered light, stacked yarns, interreflection, twist noise) and "paper" (weights from the
 // slope mips, ASG as written, nothing else), "jin" (Jin et al. 2022: the plies' slab with the cosines of the
 // macroscopic normal, math.md 3.5, no shadowing or masking).
 ModelSpec model_preset(const std::string& mode);
 
-// "model": {"mode", "bsdf", "weight", "visibility", "slab", "unscattered", "interreflection", "twist_noise"}; keys
+// "model": {"mode", "bsdf", "weight", "visibility", "slab", "unscattered", "stacked", "interreflection",
+// "twist_noise"}; keys
 // beside "mode" change the preset.
 //   throws  InputError with file, line and key
 ModelSpec parse_model(const JsonValue& value);

@@ -507,7 +507,7 @@ std::string hash_of(const Scene& scene)
             hasher.add(yarn.albedo_r), hasher.add(yarn.albedo_t), hasher.add(yarn.diffuse_r),
                 hasher.add(yarn.diffuse_t);
             hasher.add(yarn.alpha_r), hasher.add(yarn.alpha_t), hasher.add(yarn.thickness), hasher.add(yarn.twist);
-            hasher.add(yarn.diffuse_mix);
+            hasher.add(yarn.diffuse_mix), hasher.add(yarn.beneath);
         }
     }
     return hasher.text();
@@ -530,6 +530,7 @@ Scene load_scene(const std::filesystem::path& path, const Overrides& overrides)
         if (!list.is_array()) list.fail("found something else, expected a list of objects");
         BakeOptions options;
         options.visibility = scene.model.visibility;
+        options.stacked = scene.model.stacked;
         FabricShelf shelf(scene, options);
         const std::vector<JsonValue> entries = list.elements();
         for (std::size_t k = 0; k < entries.size(); ++k) {

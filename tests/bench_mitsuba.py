@@ -43,7 +43,7 @@ SCENES = {
     "cloth_drape": {"lights": [SKY], "objects": [GROUND, DRAPE]},
 }
 CAMERA = {"position": [0.4, 1.2, 3], "target": [0, 0.5, 0], "fov": 38}
-MODEL = {"bsdf": "micro", "unscattered": False, "twist_noise": False}
+MODEL = {"bsdf": "micro", "unscattered": False, "stacked": False, "twist_noise": False}
 
 
 class Ours:

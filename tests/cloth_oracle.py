@@ -597,32 +597,31 @@ def select(maps, side, tile, dx, dy, o, bsdf, mode, visibility, seed, index, off
 
 def transmittance(maps, tile, d, bsdf, visibility, unscattered):
     """[5.2]: in a gap V V of the two sides; on a yarn, where the fibres let light through, U times that [3.1], weighted by A_p / d.z in the
-    meso model."""
+    meso model. What is hidden by one yarn more passes it with its U."""
     spot = maps.spot_at(tile)
     x, y = spot // 4
     up = -d if d[2] < 0 else d
-    share = 1.0
-    if up[2] <= 0:
+    share, between_fibres = 1.0, 0.0
+    if up[2] <= 0 or not (unscattered or maps.gap[0][y, x]):
         return 0.0
-    if not maps.gap[0][y, x]:
-        if not unscattered:
-            return 0.0
+    if unscattered:
         texel, yarn = maps.texel(0, x, y), maps.yarns[maps.yarn[0][y, x]]
         facing = texel[0:3] @ up
-        if facing <= 0:
-            return 0.0
-        share = np.exp(-yarn[14] * sggx_sigma(up, texel[6:9], yarn[13]) / max(facing, 1e-6))
-        if bsdf == 1:
-            share *= facing * texel[9] / up[2]
+        between_fibres = np.exp(-min(yarn[14] * sggx_sigma(up, texel[6:9], yarn[13]) / max(facing, 1e-6), 80))
+        if not maps.gap[0][y, x]:
+            if facing <= 0:
+                return 0.0
+            share = between_fibres * (facing * texel[9] / up[2] if bsdf == 1 else 1)
     if bsdf == 0 or visibility == 0:
         return share
-    return share * maps.visibility(0, spot, up) * maps.visibility(1, spot, np.array([-up[0], -up[1], up[2]]))
+    v = maps.visibility(0, spot, up), maps.visibility(1, spot, np.array([-up[0], -up[1], up[2]]))
+    return share * np.prod([side + (1 - side) * between_fibres for side in v])
 
 
-def interreflection(rho, openness):
-    """rho^2 I (1 - I) / (1 - rho (1 - I)) [9.1]."""
+def interreflection(albedo, openness):
+    """I / (1 - a (1 - I)) - I [9.1]."""
     i = openness[..., None]
-    return rho * rho * i * (1 - i) / np.maximum(1 - rho * (1 - i), 1e-4)
+    return albedo * i * (1 - i) / np.maximum(1 - albedo * (1 - i), 1e-4)
 
 
 def asg_visibility(mu, gamma, sigma_x, sigma_y, amplitude, d):

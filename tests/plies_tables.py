@@ -35,8 +35,9 @@ one, to reciprocity, and to the white furnace.
 
 Where it is another model than the surface's, and not only a more exact one:
 
-- The surface model takes the whole cloth at a texel for one slab: light enters at the yarn in front and leaves from the yarn at the back,
-  through `T` once (math.md 5.1). Here it crosses the yarn in front, then the one behind it, and may go back and forth between them.
+- Where two yarns lie over each other the surface model adds them up by their means over directions (`stacked`,
+  [model.md](model.md)); *unstacked* takes the whole cloth at a texel for one slab (math.md 5.1). Here light crosses the yarn in front,
+  then the one behind it, and goes to and fro between them, each time by the lobes.
 - There, up and down of the cloth decide what is reflection and what transmission; here the ply's own normal does. On the flanks
   of a yarn light may so be reflected downwards, where the surface has a transmission lobe about the normal of the back.
 - There, walls between yarns are ramps no steeper than the slopes that can be stored; here they are the undersides of tubes.
@@ -56,10 +57,9 @@ ANALYSIS = """\
 ## What remains
 
 With yarns that nothing passes (*opaque* below) the mean of ours is within {opaque:.1f} % of the plies (RMS over fabrics, views,
-lights and scales). With the fabrics as they are it is {reflected:.1f} % off in reflection and {transmitted:.1f} % in transmission. So the
-largest part of the difference is light that passes one yarn and meets the next: the surface lets it out at the back at once, while
-between the plies much of it is sent back to the front. Reflected and transmitted light together, under a sky on either side, are
-{sums}.
+lights and scales). With the fabrics as they are it is {reflected:.1f} % off in reflection and {transmitted:.1f} % in transmission; without
+`stacked`, {reflected_unstacked:.1f} % and {transmitted_unstacked:.1f} %. The rest is light that crosses yarns at a slant and on their flanks: at
+grazing views too much is let through. Reflected and transmitted light together, under a sky on either side, are {sums}.
 """
 
 
@@ -114,7 +114,9 @@ def document(report, busy=""):
     text = INTRODUCTION + f"\n{tables['samples']} samples a picture. {report['date'][:10]}, revision {report['git']}, {report['cpu']}"
     text += ", short form (`--quick`)" * bool(report.get("quick")) + busy + ".\n\n"
     text += ANALYSIS.format(opaque=rms_error(opaque, "ours"), reflected=rms_error(select(cells, way="reflected"), "ours"),
-                            transmitted=rms_error(select(cells, way="transmitted"), "ours"), sums=sums(cells))
+                            transmitted=rms_error(select(cells, way="transmitted"), "ours"), sums=sums(cells),
+                            reflected_unstacked=rms_error(select(cells, way="reflected"), "unstacked"),
+                            transmitted_unstacked=rms_error(select(cells, way="transmitted"), "unstacked"))
     for way in ("reflected", "transmitted"):
         for scale, words in (("near", "near"), ("far", "from afar")):
             text += f"\n## Error of the mean: {way}, {words}\n\n" + error_table(select(cells, way=way, scale=scale))

@@ -355,9 +355,10 @@ def _():
 def _():
     def expect(xs):
         p, o = split_point(xs), xs[:, 28:31]
-        depth = p.thickness * oracle.sggx_sigma(o, p.t, p.alpha_t) / np.maximum(oracle.dot(p.n_f, o), 1e-6)
+        depth = (p.thickness + xs[:, 31]) * oracle.sggx_sigma(o, p.t, p.alpha_t) / np.maximum(oracle.dot(p.n_f, o), 1e-6)
         return np.exp(-np.minimum(depth, 80))
-    return lambda rng: np.c_[points(rng, N), yarns(rng, N), viewer(rng, N)], expect
+    # Under one yarn in two lies another.
+    return lambda rng: np.c_[points(rng, N), yarns(rng, N), viewer(rng, N), 10 ** rng.uniform(-2, 1, N) * rng.integers(0, 2, N)], expect
 
 
 @function("interreflection", groups=(3,), strict=True)

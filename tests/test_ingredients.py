@@ -13,6 +13,7 @@ sys.path.insert(0, str(evaluate.ROOT / "tests" / "bench"))
 import ingredients  # noqa: E402
 
 TINY = ingredients.SHORT | {"fabrics": ("satin",), "texels": 64, "places": 64, "samples": 2, "angles": (0, 75), "footprints": (1, 64), "directions": 16}
+# "stacked" is held to the plies instead (tests/bench/plies.py): light that has crossed a yarn is no part of the relief's truth.
 DEFAULTS = {"ours": {"weight": "relief", "visibility": "horizon8", "slab": "ply", "unscattered": "true", "interreflection": "true", "twist_noise": "true"},
             "paper": {"weight": "mips", "visibility": "asg", "slab": "ply", "unscattered": "false", "interreflection": "false", "twist_noise": "true"}}
 

@@ -112,7 +112,7 @@ WARP = {"spacing": 0.0005, "width": 0.00048, "fibre_twist": -15, "albedo": [0.5,
         "thickness": 1.2, "diffuse_mix": 0.7}
 WEFT = WARP | {"albedo": [0.2, 0.3, 0.5], "fibre_twist": 25, "roughness": 0.15, "thickness": 0.7, "diffuse_mix": 1}
 FABRIC = {"name": "twill", "pattern": "twill 2/1", "resolution": 64, "warp": WARP, "weft": WEFT}
-MICRO = {"bsdf": "micro", "unscattered": False, "twist_noise": False}
+MICRO = {"bsdf": "micro", "unscattered": False, "stacked": False, "twist_noise": False}
 
 
 @pytest.fixture

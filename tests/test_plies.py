@@ -160,7 +160,7 @@ def test_where_nothing_hides_or_passes_the_surface_is_exact(mean):
 
 
 def test_the_suite_measures_every_mode_and_the_page_shows_it(tmp_path, monkeypatch, cache):
-    for name, value in {"FABRICS": {"satin": "satin"}, "MODES": ("ours",), "LIGHTS": ("sky",), "PICTURE": 8}.items():
+    for name, value in {"FABRICS": {"satin": "satin"}, "MODES": {mode: plies.MODES[mode] for mode in ("ours", "unstacked")}, "LIGHTS": ("sky",), "PICTURE": 8}.items():
         monkeypatch.setattr(plies, name, value)
     monkeypatch.setenv("SELVEDGE_CACHE", cache["SELVEDGE_CACHE"])
     options = plies.LONG | {"fabrics": ("satin",), "angles": (45,), "samples": 1 << 13, "picture_spp": 1}
@@ -168,8 +168,9 @@ def test_the_suite_measures_every_mode_and_the_page_shows_it(tmp_path, monkeypat
     assert len(cells) == 2 * 2 + 2
     for cell in cells:
         own = cell["modes"]["ours"]
-        # What nothing passes is nearly exact; light from yarn to yarn is not, and is what the page is about.
-        assert abs(own["error"]) < (.05 if cell["opaque"] else 2) + own["error_95"]
+        # What nothing passes is nearly exact. Of light that crosses a yarn, stacks mend the larger part.
+        limit = .05 if cell["opaque"] else .6 * abs(cell["modes"]["unstacked"]["error"])
+        assert abs(own["error"]) < limit + own["error_95"], cell
     plies.picture(options, tmp_path, tmp_path / "out")
     assert (tmp_path / "out" / "plies.png").stat().st_size > 100
     figures = plies.figures_of(cells)

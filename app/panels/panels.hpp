@@ -32,6 +32,7 @@ void draw_light_panel(LightPanel& panel, Scene& scene, Edits& edits, float& turn
 
 struct ViewPanel {
     cloth::f32::ClothSettings settings{};
+    bool stacked = true; // ModelSpec::stacked
     int footprint_samples = 1;
     bool paths = false;                           // light that bounces, too
     int max_depth = cloth::f32::cloth_path_depth; // surfaces along a path

@@ -22,6 +22,7 @@ void draw_view_panel(ViewPanel& panel, const ViewStatus& status, float& exposure
     edits.settings |= ImGui::Combo("weight", &panel.settings.weight, "relief\0resample\0mips\0tile\0");
     edits.settings |= ImGui::Combo("slab", &panel.settings.slab, "ply\0macro\0");
     edits.settings |= ImGui::Checkbox("unscattered", &panel.settings.unscattered);
+    edits.settings |= ImGui::Checkbox("stacked yarns", &panel.stacked);
     edits.settings |= ImGui::Checkbox("interreflection", &panel.settings.interreflection);
     edits.settings |= ImGui::Checkbox("twist noise", &panel.settings.twist_noise);
     edits.settings |=

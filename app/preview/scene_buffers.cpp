@@ -171,7 +171,9 @@ void SceneBuffers::upload_yarns(const Scene& scene)
                                        {yarn.albedo_t, yarn.alpha_t},
                                        {yarn.diffuse_r, yarn.thickness},
                                        {yarn.diffuse_t, yarn.twist},
-                                       {yarn.reflectance, yarn.diffuse_mix}});
+                                       {yarn.reflectance, yarn.diffuse_mix},
+                                       {yarn.transmittance, yarn.beneath},
+                                       {yarn.albedo, 0}});
     yarn_table.upload(GL_RGBA32F, 16, table.data(), bytes_of(table), "yarns", info);
 }
 

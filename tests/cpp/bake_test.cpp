@@ -6,6 +6,7 @@
 #include <cstdlib>
 #include <filesystem>
 #include <fstream>
+#include <random>
 #include <unistd.h>
 
 #include <tbb/global_control.h>
@@ -599,6 +600,108 @@ TEST_CASE("derived diffuse terms never make energy")
     const auto yarn = shade_yarns(
         fabric)[0]; // T = 2: R_ms + T_ms = .574 at albedo 1, normal incidence; mean over the hemisphere is more
     CHECK(yarn.diffuse_r.x + yarn.diffuse_t.x == Approx(0.64 * 0.262 / (1 - 0.8 * 0.738) * 0.63).margin(0.03));
+}
+
+TEST_CASE("two yarns over each other are two layers that light goes to and fro between")
+{
+    Fabric fabric = weave("plain 1/1");
+    fabric.warp.albedo = {0.95f, 0.7f, 0.4f}, fabric.warp.thickness = 0.8f;
+    fabric.weft.albedo = {0.3f, 0.9f, 0.8f}, fabric.weft.thickness = 2.5f;
+    const auto yarns = shade_yarns(fabric, {{0, 1}, {1, 0}});
+    std::mt19937 random(5);
+    std::uniform_real_distribution<double> unit(0, 1);
+    for (int c = 0; c < 3; ++c) {
+        // A walk between the layers knows nothing of series.
+        const double r[2] = {double(yarns[0].reflectance[c]), double(yarns[1].reflectance[c])};
+        const double all[2] = {double(yarns[0].albedo[c]), double(yarns[1].albedo[c])};
+        constexpr int photons = 400000;
+        double back = 0, through = 0;
+        for (int k = 0; k < photons; ++k)
+            for (int layer = 0, way = 1; layer >= 0 && layer < 2; layer += way) {
+                const double u = unit(random);
+                if (u >= all[layer]) break;
+                if (u < r[layer]) way = -way;
+                if (layer == 0 && way < 0) back += 1.0 / photons;
+                if (layer == 1 && way > 0) through += 1.0 / photons;
+            }
+        CHECK(double(yarns[2].reflectance[c]) == Approx(back).margin(4 * std::sqrt(back / photons)));
+        CHECK(double(yarns[2].albedo[c]) == Approx(back + through).margin(4 * std::sqrt((back + through) / photons)));
+        // As much comes through from either side.
+        CHECK(double(yarns[3].albedo[c] - yarns[3].reflectance[c]) ==
+              Approx(double(yarns[2].albedo[c] - yarns[2].reflectance[c])).epsilon(1e-4));
+    }
+    CHECK(yarns[2].beneath == fabric.weft.thickness);
+    CHECK(yarns[2].albedo_r == yarns[0].albedo_r);
+    // Under a yarn that lets nothing through lies nothing that shows.
+    fabric.warp.thickness = 20, fabric.warp.albedo_transmission = fabric.warp.diffuse_transmission = glm::vec3(0);
+    fabric.warp.diffuse = glm::vec3(0.3f);
+    const auto opaque = shade_yarns(fabric, {{0, 1}});
+    CHECK(opaque[2].diffuse_r.x == Approx(opaque[0].diffuse_r.x).margin(1e-6));
+    CHECK(opaque[2].diffuse_t.x < 1e-6f);
+    // The whitest yarns keep their energy at every angle.
+    for (const float thickness : {0.05f, 0.5f, 2.0f, 8.0f})
+        for (const float roughness : {0.02f, 0.3f, 1.0f}) {
+            for (YarnSpec* yarn : {&fabric.warp, &fabric.weft}) {
+                *yarn = YarnSpec{};
+                yarn->albedo = glm::vec3(1), yarn->thickness = thickness, yarn->roughness = roughness;
+            }
+            const auto stack = shade_yarns(fabric, {{0, 1}})[2];
+            CHECK(stack.albedo.x <= 1.0001f);
+            for (const double angle : {12.0, 40.0, 70.0, 80.0, 87.0}) {
+                const double wide = double(roughness);
+                const glm::dvec3 slab = slab_albedo(wide, wide, double(thickness), std::cos(glm::radians(angle)), 0.37);
+                CHECK(double(stack.albedo_r.x) * slab.x + double(stack.albedo_t.x) * slab.y + slab.z * slab.z +
+                          double(stack.diffuse_r.x + stack.diffuse_t.x) <=
+                      1.002);
+            }
+        }
+    // The ingredient by itself.
+    const auto off = shade_yarns(fabric, {{0, 1}}, false);
+    CHECK(off[2].diffuse_t == off[0].diffuse_t);
+    CHECK(off[0].albedo == off[0].reflectance);
+}
+
+TEST_CASE("two yarns lie over each other where front and back show different ones")
+{
+    // Two straight tubes that cross, of 0.4 and 0.3 of the tile.
+    PlyModel model = straight_tube(1, 0.2f, 1);
+    PlyTube across = model.tubes[0];
+    for (PlyPoint& point : across.points)
+        point = {{point.centre_m.y, 0.5f, -0.35f}, 0.15f};
+    across.thread = 1, across.yarn = 1;
+    model.tubes.push_back(across);
+    const FabricMaps maps = project_plies(model, {64, 64}, 4);
+    std::size_t stacked = 0, wrong = 0;
+    for (int y = 0; y < 64; ++y)
+        for (int x = 0; x < 64; ++x) {
+            const std::size_t i = std::size_t(y * 64 + x);
+            const float from_first = std::abs((float(x) + 0.5f) / 64 - 0.5f),
+                        from_second = std::abs((float(y) + 0.5f) / 64 - 0.5f);
+            const bool edge = std::abs(from_first - 0.2f) < 1.0f / 64 || std::abs(from_second - 0.15f) < 1.0f / 64;
+            stacked += maps.stacked[i];
+            wrong += !edge && (maps.stacked[i] != 0) != (from_first < 0.2f && from_second < 0.15f);
+        }
+    CHECK(wrong == 0);
+    CHECK(double(stacked) / 4096 == Approx(0.4 * 0.3).epsilon(0.1));
+    // Plies of one yarn are one yarn.
+    model.tubes[1].thread = 0;
+    for (const std::uint8_t is : project_plies(model, {64, 64}, 4).stacked) REQUIRE(is == 0);
+
+    const PackedFabric plain = baked(weave("plain 1/1", 1));
+    CHECK(plain.stacks == std::vector<YarnStack>{{0, 1}, {1, 0}});
+    CHECK(plain.yarns.size() == 4);
+    CHECK(plain.type_of(1) == 1);
+    CHECK(plain.type_of(3) == plain.stacks[1].upper);
+    std::size_t both = 0;
+    for (std::size_t i = 0; i < plain.side[0].texels.size(); ++i) {
+        const int front = unpack_texel(plain.side[0].texels[i]).yarn, back = unpack_texel(plain.side[1].texels[i]).yarn;
+        REQUIRE((front >= 2) == (back >= 2));
+        if (front < 2) continue;
+        ++both;
+        REQUIRE(plain.type_of(front) != plain.type_of(back));
+    }
+    // Of single plies 0.9 of the spacing is covered both ways.
+    CHECK(double(both) / double(plain.side[0].texels.size()) == Approx(0.81).margin(0.03));
 }
 
 TEST_CASE("draft colours become yarn types, never more than the words can name")

@@ -49,6 +49,7 @@ PackedFabric baked(const Options& options, VisibilityKind kind)
     BakeOptions bake_options;
     bake_options.resolution = options.resolution;
     bake_options.visibility = kind;
+    bake_options.stacked = false; // the relief's truth reflects, and no more
     return bake_fabric(load_fabric(options.fabric, options.overrides), bake_options);
 }
 

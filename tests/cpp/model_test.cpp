@@ -15,17 +15,17 @@ TEST_CASE("presets of the model")
     const ModelSpec ours = model_preset("ours"), paper = model_preset("paper"), jin = model_preset("jin");
     CHECK(ours.settings.weight == f32::cloth_weight_relief);
     CHECK(ours.settings.visibility == f32::cloth_visibility_horizon8);
-    CHECK((ours.settings.unscattered && ours.settings.interreflection));
+    CHECK((ours.settings.unscattered && ours.settings.interreflection && ours.stacked));
     CHECK(paper.settings.bsdf == f32::cloth_bsdf_meso);
     CHECK(paper.settings.weight == f32::cloth_weight_mips);
     CHECK(paper.settings.visibility == f32::cloth_visibility_asg);
     CHECK(paper.visibility == VisibilityKind::asg);
-    CHECK_FALSE((paper.settings.unscattered || paper.settings.interreflection));
+    CHECK_FALSE((paper.settings.unscattered || paper.settings.interreflection || paper.stacked));
     // Jin et al. 2022: the slab of the macroscopic normal, nothing between the yarns (math.md 3.5).
     CHECK(jin.settings.bsdf == f32::cloth_bsdf_micro);
     CHECK(jin.settings.slab == f32::cloth_slab_macro);
     CHECK(jin.settings.visibility == f32::cloth_visibility_none);
-    CHECK_FALSE((jin.settings.unscattered || jin.settings.interreflection));
+    CHECK_FALSE((jin.settings.unscattered || jin.settings.interreflection || jin.stacked));
 }
 
 TEST_CASE("a model's JSON gives the model back")

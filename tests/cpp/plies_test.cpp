@@ -73,6 +73,7 @@ Scene swatch(const PlyModel& model, glm::ivec2 count, const f32::ClothYarn& yarn
     fabric.size = {8, 8};
     fabric.tile_m = model.tile_m;
     fabric.yarns = {yarn};
+    fabric.yarn_names = {"yarn"};
     scene.fabrics.push_back(fabric);
     return scene;
 }

@@ -834,7 +834,7 @@ const char* const signatures[] = {
     "slab_transmit: density sigma sigma cosine cosine thickness > positive",
     "diffuse: direction light part > positive",
     "point_value: point yarn light viewer bool > colour",
-    "unscattered: point yarn viewer > share",
+    "unscattered: point yarn viewer thickness > share",
     "interreflection: share_colour part > colour",
     "lobe_weights: yarn > share share share share",
     "point_pdf: point yarn light viewer > positive",
