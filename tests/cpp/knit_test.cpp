@@ -390,7 +390,7 @@ TEST_CASE("the yarns of a colour chart float behind the front")
     CHECK(yarns.size() == 2 * static_cast<std::size_t>(plan.pattern.rows * plan.up));
     CHECK(tightest_contact(yarns, plan.tile_m) > 0.97);
     const PackedFabric packed = baked(fabric);
-    REQUIRE(packed.yarns.size() == 2);
+    REQUIRE(packed.yarn_names.size() == 2);
     // Each stitch shows its colour in front: the middle of its legs' height, at its column.
     int right = 0, all = 0;
     for (int row = 0; row < 4; ++row)
@@ -404,7 +404,7 @@ TEST_CASE("the yarns of a colour chart float behind the front")
                     packed.side[0].texels[static_cast<std::size_t>(y % packed.size.y * packed.size.x + x)]);
                 const bool red = (row % 2 == 0) == (column >= 2);
                 const int strand = pattern.colours[0] == glm::vec3(1, 0, 0) ? 0 : 1;
-                right += (texel.yarn == strand) == red ? 1 : 0;
+                right += (packed.type_of(texel.yarn) == strand) == red ? 1 : 0;
                 ++all;
             }
     CHECK(right >= all - 4);
