@@ -108,7 +108,7 @@ Image map_layers(const PackedFabric& fabric)
 {
     std::vector<std::string> names;
     for (const char* side : {"front", "back"}) {
-        for (const char* layer : {"height", "slope.x", "slope.y", "azimuth", "yarn", "gap", "irradiance"})
+        for (const char* layer : {"height", "slope.x", "slope.y", "azimuth", "yarn", "gap", "irradiance", "stacked"})
             names.push_back(std::string(side) + "." + layer);
         for (int k = 0; k < 8; ++k) names.push_back(std::string(side) + ".horizon" + std::to_string(k));
     }
@@ -121,7 +121,8 @@ Image map_layers(const PackedFabric& fabric)
                 const Texel texel = unpack_texel(fabric.side[side].texels[i]);
                 const float height = texel.gap ? 0.0f : height_m(fabric.side[side], i);
                 for (const float value : {height, texel.slope.x, texel.slope.y, texel.azimuth,
-                                          static_cast<float>(texel.yarn), texel.gap ? 1.0f : 0.0f, texel.irradiance})
+                                          static_cast<float>(fabric.type_of(texel.yarn)), texel.gap ? 1.0f : 0.0f, texel.irradiance,
+                                          fabric.type_of(texel.yarn) != texel.yarn ? 1.0f : 0.0f})
                     *out++ = value;
                 knots_at(fabric, side, x, y, out);
                 out += 8;
