@@ -14,7 +14,7 @@ namespace selvedge
 struct BakeOptions {
     int resolution = 0;                       // 0: the fabric's own
     std::optional<VisibilityKind> visibility; // absent: the fabric's own
-    bool stacked = true;   // light that has crossed one yarn meets the next (ModelSpec::stacked)
+    bool stacked = true;                      // light that has crossed one yarn meets the next (ModelSpec::stacked)
     bool use_cache = true; // read and write $SELVEDGE_CACHE, $XDG_CACHE_HOME/selvedge or ~/.cache/selvedge
     bool force = false;    // bake even when cached (and write the cache again)
 };

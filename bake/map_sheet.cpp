@@ -121,8 +121,8 @@ Image map_layers(const PackedFabric& fabric)
                 const Texel texel = unpack_texel(fabric.side[side].texels[i]);
                 const float height = texel.gap ? 0.0f : height_m(fabric.side[side], i);
                 for (const float value : {height, texel.slope.x, texel.slope.y, texel.azimuth,
-                                          static_cast<float>(fabric.type_of(texel.yarn)), texel.gap ? 1.0f : 0.0f, texel.irradiance,
-                                          fabric.type_of(texel.yarn) != texel.yarn ? 1.0f : 0.0f})
+                                          static_cast<float>(fabric.type_of(texel.yarn)), texel.gap ? 1.0f : 0.0f,
+                                          texel.irradiance, fabric.type_of(texel.yarn) != texel.yarn ? 1.0f : 0.0f})
                     *out++ = value;
                 knots_at(fabric, side, x, y, out);
                 out += 8;

@@ -14,7 +14,8 @@ namespace selvedge
 Image draw_map_sheet(const PackedFabric& fabric);
 
 // The maps as numbers, at full resolution: front.height (m), front.slope.x/y, front.azimuth (rad), front.yarn,
-// front.gap, front.irradiance, front.stacked, front.horizon0-7 (nearest); back.* likewise. Row 0 of the picture is v = 1.
+// front.gap, front.irradiance, front.stacked, front.horizon0-7 (nearest); back.* likewise. Row 0 of the picture is v
+// = 1.
 Image map_layers(const PackedFabric& fabric);
 
 } // namespace selvedge

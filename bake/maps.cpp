@@ -45,8 +45,8 @@ struct Segments {
         for (const PlyTube& tube : model.tubes) {
             const std::size_t count = tube.points.size();
             const glm::vec3 stretch(1, 1, 1 / tube.aspect);
-            const glm::ivec2 repeats(glm::round(
-                glm::vec2(tube.points.back().centre_m - tube.points.front().centre_m) / model.tile_m));
+            const glm::ivec2 repeats(
+                glm::round(glm::vec2(tube.points.back().centre_m - tube.points.front().centre_m) / model.tile_m));
             const auto direction = [&](std::size_t i) {
                 return glm::normalize((tube.points[i + 1].centre_m - tube.points[i].centre_m) * stretch);
             };

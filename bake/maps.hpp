@@ -25,7 +25,8 @@ struct FabricMaps {
     glm::vec2 tile_m{0};
     SideMaps side[2];              // [0] front, [1] back
     std::vector<std::uint8_t> gap; // 1 where at least half of the texel's samples meet no yarn; the same for both sides
-    std::vector<std::uint8_t> stacked; // 1 where front and back are, for most samples, two yarns that lie over each other
+    std::vector<std::uint8_t>
+        stacked; // 1 where front and back are, for most samples, two yarns that lie over each other
 };
 
 // z-buffer of the tubes with samples x samples rays to a texel, parallel to z, against tubes about smooth curves

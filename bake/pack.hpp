@@ -42,9 +42,9 @@ struct YarnStack {
 
 struct PackedFabric {
     std::string name;
-    glm::ivec2 size{0};                       // texels (w, h), both even
-    glm::vec2 tile_m{0};                      // size of the repeat [m]
-    PackedSide side[2];                       // [0] front, [1] back
+    glm::ivec2 size{0};                  // texels (w, h), both even
+    glm::vec2 tile_m{0};                 // size of the repeat [m]
+    PackedSide side[2];                  // [0] front, [1] back
     std::vector<std::string> yarn_names; // "warp", "weft #2f4f9a": one for each yarn type
     std::vector<YarnStack> stacks;       // two yarns over each other, those that occur
     // What texels name: the yarn types, then the stacks as the one yarn that each is to the eye; 1 to 128.
@@ -88,7 +88,7 @@ cloth::f32::ClothMaps maps_of(const PackedFabric& fabric);
 struct Texel {
     glm::vec2 slope{0}; // (dh/dx, dh/dy)
     float azimuth = 0;  // of the ply's tangent [rad], [0, pi)
-    int yarn = 0;         // row of PackedFabric::yarns
+    int yarn = 0;       // row of PackedFabric::yarns
     bool gap = false;
     float irradiance = 1; // I_p, cosine irradiance under a uniform sky (math.md 8.1), [0, 1]
 };

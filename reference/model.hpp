@@ -18,9 +18,9 @@ struct ModelSpec {
     bool stacked = true; // light that has crossed one yarn meets the next: the yarns' numbers say it (shade_yarns)
 };
 
-// The presets: "ours" (relief, horizons, unscattered light, stacked yarns, interreflection, twist noise) and "paper" (weights from the
-// slope mips, ASG as written, nothing else), "jin" (Jin et al. 2022: the plies' slab with the cosines of the
-// macroscopic normal, math.md 3.5, no shadowing or masking).
+// The presets: "ours" (relief, horizons, unscattered light, stacked yarns, interreflection, twist noise) and "paper"
+// (weights from the slope mips, ASG as written, nothing else), "jin" (Jin et al. 2022: the plies' slab with the cosines
+// of the macroscopic normal, math.md 3.5, no shadowing or masking).
 ModelSpec model_preset(const std::string& mode);
 
 // "model": {"mode", "bsdf", "weight", "visibility", "slab", "unscattered", "stacked", "interreflection",

@@ -666,8 +666,7 @@ TEST_CASE("two yarns lie over each other where front and back show different one
     // Two straight tubes that cross, of 0.4 and 0.3 of the tile.
     PlyModel model = straight_tube(1, 0.2f, 1);
     PlyTube across = model.tubes[0];
-    for (PlyPoint& point : across.points)
-        point = {{point.centre_m.y, 0.5f, -0.35f}, 0.15f};
+    for (PlyPoint& point : across.points) point = {{point.centre_m.y, 0.5f, -0.35f}, 0.15f};
     across.thread = 1, across.yarn = 1;
     model.tubes.push_back(across);
     const FabricMaps maps = project_plies(model, {64, 64}, 4);

@@ -69,8 +69,19 @@ TEST_CASE("samples of a shaded point give the integral of its value, light betwe
                              glm::length(area)};
     selection.texel.openness_f = 0.4;
     selection.texel.openness_b = 0.3;
-    selection.yarn = {glm::dvec3(0), glm::dvec3(0), glm::dvec3(0.6), glm::dvec3(0.2), 0.2, 0.2, 2, 0, 1,
-                      glm::dvec3(0.6), glm::dvec3(0.3), glm::dvec3(0.95), 0};
+    selection.yarn = {glm::dvec3(0),
+                      glm::dvec3(0),
+                      glm::dvec3(0.6),
+                      glm::dvec3(0.2),
+                      0.2,
+                      0.2,
+                      2,
+                      0,
+                      1,
+                      glm::dvec3(0.6),
+                      glm::dvec3(0.3),
+                      glm::dvec3(0.95),
+                      0};
     const glm::dvec3 o = glm::normalize(glm::dvec3(-0.3, 0.1, 0.8));
     for (const double albedo : {0.0, 0.2}) {
         selection.yarn.albedo_r = selection.yarn.albedo_t = glm::dvec3(albedo);
