@@ -69,7 +69,7 @@ CLOTH_FN real3 cloth_to_local(ClothFrame frame, real3 w)
 CLOTH_FN real3 cloth_unit_vector(real3 v, real3 fallback)
 {
     real length2 = dot(v, v);
-    return length2 < real(1e-20) ? fallback : v / sqrt(length2);
+    return length2 < real(1e-20) ? fallback : v * (real(1) / sqrt(length2));
 }
 
 // ---- fibre SGGX -----------------------------------------------------------------------------------------------------
@@ -167,7 +167,7 @@ CLOTH_CONST int cloth_slab_macro = 1;   // of the macroscopic normal, as Jin et 
 
 // F of a visible point: value with cosine, divided by A_p/A_G, which whoever chose the point accounts for [6.1, 6.4].
 //   return  [1/sr] rgb, no visibility of i yet; 0 where the point faces away from o
-CLOTH_FN real3 cloth_point_value(ClothPoint p, ClothYarn yarn, real3 i, real3 o, int slab)
+CLOTH_FN real3 cloth_point_value(CLOTH_IN(ClothPoint) p, CLOTH_IN(ClothYarn) yarn, real3 i, real3 o, int slab)
 {
     real c_o = dot(p.normal_f, o);
     if (c_o <= real(0) || i.z == real(0)) return real3(real(0));
@@ -194,7 +194,7 @@ CLOTH_FN real3 cloth_point_value(ClothPoint p, ClothYarn yarn, real3 i, real3 o,
 }
 
 // Share of light that crosses the slab along o without meeting a fibre: the U term of [3.1].
-CLOTH_FN real cloth_unscattered(ClothPoint p, ClothYarn yarn, real3 o)
+CLOTH_FN real cloth_unscattered(CLOTH_IN(ClothPoint) p, CLOTH_IN(ClothYarn) yarn, real3 o)
 {
     real c_o = max(dot(p.normal_f, o), cloth_cosine_min);
     return exp(-min((yarn.thickness + yarn.beneath) * cloth_sggx_sigma(o, p.tangent, yarn.alpha_t) / c_o, cloth_depth_max));
@@ -211,7 +211,7 @@ CLOTH_FN real3 cloth_interreflection(real3 albedo, real openness)
 
 // Selection probabilities of the lobes at a point: x specular reflection, y specular transmission, z diffuse reflection,
 // w diffuse transmission; in proportion to luminance [6.5]. All 0 for a black yarn.
-CLOTH_FN real4 cloth_lobe_weights(ClothYarn yarn)
+CLOTH_FN real4 cloth_lobe_weights(CLOTH_IN(ClothYarn) yarn)
 {
     real4 w    = real4(cloth_luminance(yarn.albedo_r), cloth_luminance(yarn.albedo_t), cloth_luminance(yarn.diffuse_r),
                        cloth_luminance(yarn.diffuse_t));
@@ -219,7 +219,7 @@ CLOTH_FN real4 cloth_lobe_weights(ClothYarn yarn)
     return total > real(0) ? w / total : real4(real(0));
 }
 
-CLOTH_FN real cloth_point_pdf(ClothPoint p, ClothYarn yarn, real3 i, real3 o)
+CLOTH_FN real cloth_point_pdf(CLOTH_IN(ClothPoint) p, CLOTH_IN(ClothYarn) yarn, real3 i, real3 o)
 {
     real4 lobe = cloth_lobe_weights(yarn);
     real pdf   = real(0);
@@ -242,7 +242,7 @@ CLOTH_FN real3 cloth_cosine_sample(real3 n, real2 u)
 
 // Samples the whole sphere with density cloth_point_pdf.
 //   u_lobe  x chooses the lobe, y the mix of normals;  u  the direction; all in [0, 1)
-CLOTH_FN ClothSample cloth_point_sample(ClothPoint p, ClothYarn yarn, real3 o, real2 u_lobe, real2 u)
+CLOTH_FN ClothSample cloth_point_sample(CLOTH_IN(ClothPoint) p, CLOTH_IN(ClothYarn) yarn, real3 o, real2 u_lobe, real2 u)
 {
     real4 lobe = cloth_lobe_weights(yarn);
     if (lobe.x + lobe.y + lobe.z + lobe.w <= real(0)) return ClothSample(real3(real(0), real(0), real(1)), real(0));

@@ -7,16 +7,21 @@
 #define CLOTH_METAL 1
 #endif
 
+// The part of a ClothShading that light between yarns is.
+struct ClothBetween {
+    real3 r;      // albedo of what comes from the viewer's side [9.1]
+    real3 t;      // from the other side
+    real share;   // probability of sampling it: its share in the albedo, as for the lobes of a point [6.5]
+    real front;   // share of r in that
+};
+
 // What is shaded: a chosen point of a fabric, or matte, or metal.
 struct ClothShading {
     bool matte;                 // no fabric
     real3 albedo;               // not of fabrics; of metal its reflectance at normal incidence
     real roughness;             // of metal: alpha of GGX; 0: no metal
     ClothSelection selection;   // fabric only
-    real3 between_r;            // albedo of the light between yarns [9.1]: what comes from the viewer's side
-    real3 between_t;            // from the other side
-    real between_share;         // probability of sampling it: its share in the albedo, as for the lobes of a point [6.5]
-    real between_front;         // share of between_r in that
+    ClothBetween between;       // light between yarns
 };
 
 struct ClothDirect {
@@ -33,10 +38,7 @@ CLOTH_FN ClothShading cloth_shade_plain(real3 albedo, real roughness)
     shading.matte     = true;
     shading.albedo    = albedo;
     shading.roughness = roughness;
-    shading.between_r = real3(real(0));
-    shading.between_t = real3(real(0));
-    shading.between_share = real(0);
-    shading.between_front = real(0);
+    shading.between   = ClothBetween(real3(real(0)), real3(real(0)), real(0), real(0));
     return shading;
 }
 
@@ -55,19 +57,24 @@ CLOTH_FN bool cloth_lights_between(ClothSettings settings)
     return settings.interreflection && settings.bsdf == cloth_bsdf_meso;
 }
 
-CLOTH_FN ClothShading cloth_shade_fabric(ClothSelection selection, ClothSettings settings)
+CLOTH_FN ClothBetween cloth_between(CLOTH_IN(ClothSelection) selection, ClothSettings settings)
 {
-    ClothShading shading = cloth_shade_plain(real3(real(0)), real(0));
+    if (!cloth_lights_between(settings)) return ClothBetween(real3(real(0)), real3(real(0)), real(0), real(0));
+    real3 r    = selection.yarn.reflectance * cloth_interreflection(selection.yarn.albedo, selection.texel.openness_f);
+    real3 t    = selection.yarn.transmittance * cloth_interreflection(selection.yarn.albedo, selection.texel.openness_b);
+    real front = cloth_luminance(r), lobe = front + cloth_luminance(t);
+    real point = cloth_luminance(selection.yarn.albedo_r + selection.yarn.albedo_t + selection.yarn.diffuse_r + selection.yarn.diffuse_t);
+    return ClothBetween(r, t, lobe / max(lobe + point, real(1e-20)), front / max(lobe, real(1e-20)));
+}
+
+CLOTH_FN ClothShading cloth_shade_fabric(CLOTH_IN(ClothSelection) selection, ClothSettings settings)
+{
+    ClothShading shading;
     shading.matte     = false;
+    shading.albedo    = real3(real(0));
+    shading.roughness = real(0);
     shading.selection = selection;
-    if (!cloth_lights_between(settings)) return shading;
-    ClothYarn yarn = selection.yarn;
-    shading.between_r = yarn.reflectance * cloth_interreflection(yarn.albedo, selection.texel.openness_f);
-    shading.between_t = yarn.transmittance * cloth_interreflection(yarn.albedo, selection.texel.openness_b);
-    real front = cloth_luminance(shading.between_r), lobe = front + cloth_luminance(shading.between_t);
-    real point = cloth_luminance(yarn.albedo_r + yarn.albedo_t + yarn.diffuse_r + yarn.diffuse_t);
-    shading.between_share = lobe / max(lobe + point, real(1e-20));
-    shading.between_front = front / max(lobe, real(1e-20));
+    shading.between   = cloth_between(selection, settings);
     return shading;
 }
 
@@ -84,14 +91,14 @@ CLOTH_FN real3 cloth_shading_value(CLOTH_IN(ClothMaps) maps, CLOTH_IN(ClothShadi
     if (v > real(0))
         value = cloth_point_value(shading.selection.texel.point, shading.selection.yarn, wi, wo, settings.slab) * v;
     // Light that reached the point by way of other yarns has no horizon of its own: openness has counted it.
-    if (cloth_lights_between(settings)) value += (reflected ? shading.between_r : shading.between_t) * (abs(wi.z) / cloth_pi);
+    if (cloth_lights_between(settings)) value += (reflected ? shading.between.r : shading.between.t) * (abs(wi.z) / cloth_pi);
     return value * shading.selection.weight;
 }
 
 // Density of the light between yarns [1/sr].
 CLOTH_FN real cloth_between_pdf(CLOTH_IN(ClothShading) shading, real3 wi)
 {
-    return (wi.z > real(0) ? shading.between_front : real(1) - shading.between_front) * abs(wi.z) / cloth_pi;
+    return (wi.z > real(0) ? shading.between.front : real(1) - shading.between.front) * abs(wi.z) / cloth_pi;
 }
 
 // Density of cloth_shading_sample [1/sr].
@@ -100,17 +107,17 @@ CLOTH_FN real cloth_shading_pdf(CLOTH_IN(ClothShading) shading, real3 wi, real3 
     if (cloth_shading_is_metal(shading)) return cloth_metal_pdf(shading.roughness, wi, wo);
     if (shading.matte) return max(wi.z, real(0)) / cloth_pi;
     real pdf = cloth_point_pdf(shading.selection.texel.point, shading.selection.yarn, wi, wo);
-    return cloth_lights_between(settings) ? mix(pdf, cloth_between_pdf(shading, wi), shading.between_share) : pdf;
+    return cloth_lights_between(settings) ? mix(pdf, cloth_between_pdf(shading, wi), shading.between.share) : pdf;
 }
 
 // A direction of light. u_lobe chooses the lobe, u the direction in it; all in [0, 1).
 CLOTH_FN ClothSample cloth_shading_sample(CLOTH_IN(ClothShading) shading, real3 wo, ClothSettings settings, real2 u_lobe, real2 u)
 {
     if (cloth_shading_is_metal(shading)) return cloth_metal_sample(shading.roughness, wo, u);
-    real share = shading.matte ? real(1) : shading.between_share;
+    real share = shading.matte ? real(1) : shading.between.share;
     if (u_lobe.x < share) {
         real3 wi = cloth_cosine_sample(real3(real(0), real(0), real(1)), u);
-        if (!shading.matte && u_lobe.x >= share * shading.between_front) wi = cloth_mirror(wi);
+        if (!shading.matte && u_lobe.x >= share * shading.between.front) wi = cloth_mirror(wi);
         return ClothSample(wi, cloth_shading_pdf(shading, wi, wo, settings));
     }
     real2 u_point = real2(min((u_lobe.x - share) / max(real(1) - share, real(1e-6)), real(0.99999994)), u_lobe.y);
@@ -127,17 +134,18 @@ struct ClothLightChoice {
 
 CLOTH_FN ClothLightChoice cloth_choose_light(CLOTH_IN(ClothLights) lights, real u)
 {
-    ClothLight light = cloth_fetch_light(lights, 0);
-    real below = real(0);
-    for (int k = 0; k + 1 < lights.count && u >= below + light.pmf; ++k) {
-        below += light.pmf;
-        light = cloth_fetch_light(lights, k + 1);
+    int chosen = 0;
+    real below = real(0), pmf = cloth_fetch_light(lights, 0).pmf;
+    while (chosen + 1 < lights.count && u >= below + pmf) {
+        below += pmf;
+        ++chosen;
+        pmf = cloth_fetch_light(lights, chosen).pmf;
     }
-    return ClothLightChoice(light, clamp((u - below) / light.pmf, real(0), real(0.99999994)));
+    return ClothLightChoice(cloth_fetch_light(lights, chosen), clamp((u - below) / pmf, real(0), real(0.99999994)));
 }
 
 // Whether BSDF sampling finds a chosen light with profit, too.
-CLOTH_FN bool cloth_light_has_two_ways(ClothLight light, CLOTH_IN(ClothShading) shading)
+CLOTH_FN bool cloth_light_has_two_ways(CLOTH_IN(ClothLight) light, CLOTH_IN(ClothShading) shading)
 {
     return cloth_light_wants_bsdf(light, cloth_shading_is_metal(shading));
 }
@@ -154,21 +162,22 @@ CLOTH_FN ClothDirect cloth_direct_by(CLOTH_IN(ClothLights) lights, CLOTH_IN(Clot
     ClothDirect none = ClothDirect(false, surface.normal_g, cloth_far, real3(real(0)));
     real2 u_emit     = cloth_draw(random, use_bsdf ? cloth_dim_direction : cloth_dim_subtexel);
     ClothLightSample seen;
+    ClothSample s = ClothSample(real3(real(0), real(0), real(1)), real(0));
     if (use_bsdf) {
-        ClothSample s = cloth_shading_sample(shading, surface.wo, settings, u_lobe, u_emit);
+        s = cloth_shading_sample(shading, surface.wo, settings, u_lobe, u_emit);
         if (s.pdf <= real(0)) return none;
         seen = cloth_light_hit(lights, choice.light, surface.position, cloth_to_world(surface.frame, s.wi));
     } else {
         seen = cloth_light_sample(lights, choice.light, surface.position, u_emit, cloth_draw_bits(random, cloth_dim_emitter));
     }
     if (seen.pdf <= real(0)) return none;
-    real3 wi = cloth_to_local(surface.frame, seen.wi);
+    real3 wi = use_bsdf ? s.wi : cloth_to_local(surface.frame, seen.wi);
     // Shading and geometric normal must agree on the side that the light is on [math.md 10, hazard 23].
     if (wi.z * dot(seen.wi, surface.normal_g) <= real(0)) return none;
     real3 value = cloth_shading_value(maps, shading, wi, surface.wo, settings) * seen.radiance;
     if (max(value.x, max(value.y, value.z)) <= real(0)) return none;
     real pdf = seen.pdf;
-    if (share > real(0)) pdf = share * (seen.pdf + cloth_shading_pdf(shading, wi, surface.wo, settings));
+    if (share > real(0)) pdf = share * (seen.pdf + (use_bsdf ? s.pdf : cloth_shading_pdf(shading, wi, surface.wo, settings)));
     return ClothDirect(true, seen.wi, seen.distance, value / (pdf * choice.light.pmf));
 }
 

@@ -87,36 +87,78 @@ CLOTH_FN real cloth_area_from_mips(CLOTH_IN(ClothMaps) maps, int side, ClothFoot
     return max(o.z - dot(mean, real2(o.x, o.y)), cloth_area_min);
 }
 
-// First point of the height field that the view ray through `tile` on the mid-plane meets, in tiles [6.4.1]. The field is one
-// of flat texels: the caller moves `tile` by up to half a texel each way, which makes it bilinear in the mean.
-//   u  in [0, 1) shifts the steps, so that what a step can miss averages out
-CLOTH_FN real2 cloth_march(CLOTH_IN(ClothMaps) maps, int side, real2 tile, real3 o, real u)
+// A view ray on its way down through the relief: steps in z, from which its place in the repeat follows.
+struct ClothDescent {
+    real2 start;     // the ray is at `start` + `run` z, in tiles
+    real2 run;
+    real step;
+    int steps;       // at most
+    real z;          // of the first place, in units of the map, 0 at the lowest height
+    uvec2 place;
+    uvec2 quarter;   // of a step
+};
+
+CLOTH_FN ClothDescent cloth_descent(CLOTH_IN(ClothMaps) maps, int side, real2 tile, real3 o, real u)
 {
     real low  = side == 0 ? maps.height_low.x : maps.height_low.y;
     real high = side == 0 ? maps.height_high.x : maps.height_high.y;
-    // Heights z in units of the map, 0 at `low`; the ray is at `start` + `run` z, in tiles.
     real2 way   = real2(o.x, o.y) / o.z / maps.tile_m;   // per metre of height
     real2 start = tile + way * low;
     real2 run   = way * ((high - low) / cloth_height_top);
     real texels = max(abs(run.x) * real(maps.size.x), abs(run.y) * real(maps.size.y)) * cloth_height_top;
     real count  = clamp(ceil(texels / cloth_march_step), real(1), real(cloth_march_steps));
     real step   = cloth_height_top / count;
+    real z      = cloth_height_top - step * u;   // the first step ends in the relief
     // The ray goes down by quarters of a step, so that the halving meets places beside those of the steps.
-    uvec2 quarter = cloth_wrap(run * (real(-0.25) * step));
-    real z        = cloth_height_top - step * u;   // the first step ends in the relief
-    uvec2 place   = cloth_wrap(start + run * z);
-    for (int k = int(count); k > 0 && cloth_height_at(maps, side, place) < z; --k) {
-        z -= step;
+    return ClothDescent(start, run, step, int(count), z, cloth_wrap(start + run * z), cloth_wrap(run * (real(-0.25) * step)));
+}
+
+// Where it meets the relief, in tiles.
+CLOTH_FN real2 cloth_descend(CLOTH_IN(ClothMaps) maps, int side, ClothDescent ray)
+{
+    real z        = ray.z;
+    uvec2 place   = ray.place;
+    uvec2 quarter = ray.quarter;
+    for (int k = ray.steps; k > 0 && cloth_height_at(maps, side, place) < z; --k) {
+        z -= ray.step;
         place += quarter << 2u;
     }
     // The surface lies between z and a step above it; halved twice, to three quarters of a texel. What either half may ask for
     // is looked up beforehand: no look-up waits for another.
-    bool lower_1 = cloth_height_at(maps, side, place - quarter) < z + real(0.25) * step;
-    bool lower_2 = cloth_height_at(maps, side, place - (quarter << 1u)) < z + real(0.5) * step;
-    bool lower_3 = cloth_height_at(maps, side, place - quarter * 3u) < z + real(0.75) * step;
+    bool lower_1 = cloth_height_at(maps, side, place - quarter) < z + real(0.25) * ray.step;
+    bool lower_2 = cloth_height_at(maps, side, place - (quarter << 1u)) < z + real(0.5) * ray.step;
+    bool lower_3 = cloth_height_at(maps, side, place - quarter * 3u) < z + real(0.75) * ray.step;
     real above   = lower_2 ? (lower_1 ? real(0.25) : real(0.5)) : (lower_3 ? real(0.75) : real(1));
     // Half way: of a wall between two texels each gets its half. Below alone, crests would be seen too often (2 % too bright).
-    return start + run * (z + step * (above - real(0.125)));
+    return ray.start + ray.run * (z + ray.step * (above - real(0.125)));
+}
+
+// First point of the height field that the view ray through `tile` on the mid-plane meets, in tiles [6.4.1]. The field is one
+// of flat texels: the caller moves `tile` by up to half a texel each way, which makes it bilinear in the mean.
+//   u  in [0, 1) shifts the steps, so that what a step can miss averages out
+CLOTH_FN real2 cloth_march(CLOTH_IN(ClothMaps) maps, int side, real2 tile, real3 o, real u)
+{
+    return cloth_descend(maps, side, cloth_descent(maps, side, tile, o, u));
+}
+
+// A uniform point of the footprint, in tiles.
+CLOTH_FN real2 cloth_footprint_tile(CLOTH_IN(ClothMaps) maps, ClothFootprint footprint, ClothRandom random)
+{
+    real2 xi = cloth_draw(random, cloth_dim_footprint) - real2(real(0.5));
+    // Moving by up to half a texel each way before the nearest fetch is a bilinear filter in the mean.
+    real2 half_texel = (cloth_draw(random, cloth_dim_texel) - real2(real(0.5))) / real2(real(maps.size.x), real(maps.size.y));
+    return footprint.tile + footprint.dx * xi.x + footprint.dy * xi.y + half_texel;
+}
+
+CLOTH_FN bool cloth_follows_relief(ClothSettings settings)
+{
+    return settings.bsdf == cloth_bsdf_meso && settings.weight == cloth_weight_relief;
+}
+
+CLOTH_FN ClothPlace cloth_place_at(CLOTH_IN(ClothMaps) maps, real2 tile, real area)
+{
+    real2 base = floor(tile);
+    return ClothPlace(cloth_spot_at(maps, tile), ivec2(int(base.x), int(base.y)), area);
 }
 
 // The point that the ray sees.
@@ -124,19 +166,14 @@ CLOTH_FN real2 cloth_march(CLOTH_IN(ClothMaps) maps, int side, real2 tile, real3
 CLOTH_FN ClothPlace cloth_find(CLOTH_IN(ClothMaps) maps, int side, ClothFootprint footprint, real3 o, ClothSettings settings,
                                ClothRandom random, real u)
 {
-    real2 u_footprint = cloth_draw(random, cloth_dim_footprint);
-    real2 u_texel     = cloth_draw(random, cloth_dim_texel);
-    // Moving by up to half a texel each way before the nearest fetch is a bilinear filter in the mean.
-    real2 half_texel  = (u_texel - real2(real(0.5))) / real2(real(maps.size.x), real(maps.size.y));
-
-    bool meso     = settings.bsdf == cloth_bsdf_meso;
-    bool resample = meso && settings.weight == cloth_weight_resample;
-    real2 xi      = u_footprint - real2(real(0.5));
-    real2 chosen  = footprint.tile + footprint.dx * xi.x + footprint.dy * xi.y + half_texel;
-    real area     = real(1);
-    if (meso && settings.weight == cloth_weight_relief) {
+    real2 chosen = cloth_footprint_tile(maps, footprint, random);
+    real area    = real(1);
+    if (cloth_follows_relief(settings)) {
         chosen = cloth_march(maps, side, chosen, o, u);
-    } else if (meso) {
+    } else if (settings.bsdf == cloth_bsdf_meso) {
+        bool resample     = settings.weight == cloth_weight_resample;
+        real2 u_footprint = cloth_draw(random, cloth_dim_footprint);
+        real2 first    = chosen;
         int candidates = resample ? cloth_candidates : 1;
         real total     = real(0);
         area           = real(0);
@@ -144,9 +181,9 @@ CLOTH_FN ClothPlace cloth_find(CLOTH_IN(ClothMaps) maps, int side, ClothFootprin
         for (int j = 0; j < candidates * 3; ++j) {
             // Additive recurrence R2 (Roberts 2018): every candidate is uniform, together they are spread over the footprint.
             real2 shift = real2(real(j) * real(0.7548776662466927), real(j) * real(0.5698402909980532));
-            xi          = u_footprint + shift;
-            xi          = xi - floor(xi) - real2(real(0.5));
-            real2 tile  = footprint.tile + footprint.dx * xi.x + footprint.dy * xi.y + half_texel;
+            real2 away  = u_footprint + shift;
+            away        = away - floor(away) - u_footprint;   // from the first candidate
+            real2 tile  = first + footprint.dx * away.x + footprint.dy * away.y;
             ivec2 spot  = cloth_spot_at(maps, tile);
             real2 slope = cloth_decode_slopes(cloth_fetch_texel(maps, side, spot >> 2).x);
             real a      = max(o.z - dot(slope, real2(o.x, o.y)), real(0));
@@ -163,8 +200,7 @@ CLOTH_FN ClothPlace cloth_find(CLOTH_IN(ClothMaps) maps, int side, ClothFootprin
             if (j + 1 >= candidates && (total > real(0) || !resample)) break;
         }
     }
-    real2 base = floor(chosen);
-    return ClothPlace(cloth_spot_at(maps, chosen), ivec2(int(base.x), int(base.y)), area);
+    return cloth_place_at(maps, chosen, area);
 }
 
 // Share of a straight way that goes on where one yarn more may be in its way: past it, or through it as through the one here.
@@ -182,7 +218,7 @@ CLOTH_FN ClothSelection cloth_meet(CLOTH_IN(ClothMaps) maps, int side, ClothFoot
                                    ClothSettings settings, real u, bool stops)
 {
     bool meso     = settings.bsdf == cloth_bsdf_meso;
-    bool relief   = meso && settings.weight == cloth_weight_relief;
+    bool relief   = cloth_follows_relief(settings);
     bool resample = meso && settings.weight == cloth_weight_resample;
 
     ClothSelection result;

@@ -5,7 +5,7 @@
 #ifndef CLOTH_LIGHT_KINDS
 #define CLOTH_LIGHT_KINDS 127
 #endif
-CLOTH_FN bool cloth_light_is(ClothLight light, int kind)
+CLOTH_FN bool cloth_light_is(CLOTH_IN(ClothLight) light, int kind)
 {
     return (CLOTH_LIGHT_KINDS & (1 << kind)) != 0 && (CLOTH_LIGHT_KINDS == (1 << kind) || light.kind == kind);
 }
@@ -24,7 +24,7 @@ CLOTH_FN ClothLightSample cloth_no_light()
     return ClothLightSample(real3(real(0), real(0), real(1)), cloth_far, real3(real(0)), real(0));
 }
 
-CLOTH_FN bool cloth_light_is_delta(ClothLight light)
+CLOTH_FN bool cloth_light_is_delta(CLOTH_IN(ClothLight) light)
 {
     return cloth_light_is(light, cloth_light_point) || cloth_light_is(light, cloth_light_spot) || cloth_light_is(light, cloth_light_flash) ||
            (cloth_light_is(light, cloth_light_directional) && light.shape.x <= real(0));
@@ -35,7 +35,7 @@ CLOTH_CONST real cloth_emitter_hits_max = real(128);
 
 // Lights that BSDF sampling can find with profit: the environment, rectangles and small meshes; a sun only where the
 // surface is nearly a mirror, which is narrower than the sun.
-CLOTH_FN bool cloth_light_wants_bsdf(ClothLight light, bool mirror)
+CLOTH_FN bool cloth_light_wants_bsdf(CLOTH_IN(ClothLight) light, bool mirror)
 {
     return cloth_light_is(light, cloth_light_environment) || cloth_light_is(light, cloth_light_area) ||
            (cloth_light_is(light, cloth_light_mesh) && light.shape.y <= cloth_emitter_hits_max) ||
@@ -43,7 +43,7 @@ CLOTH_FN bool cloth_light_wants_bsdf(ClothLight light, bool mirror)
 }
 
 // Radiance that an object sends to whoever sees it by itself: from its front only.
-CLOTH_FN real3 cloth_emitted(ClothLight light, int side)
+CLOTH_FN real3 cloth_emitted(CLOTH_IN(ClothLight) light, int side)
 {
     return side == 0 ? light.radiance : real3(real(0));
 }
@@ -65,14 +65,12 @@ CLOTH_FN real2 cloth_environment_uv(real3 d, real rotation)
     return real2(u - floor(u), clamp(theta / cloth_pi, real(0), real(1)));
 }
 
-// Radiance (bilinear, periodic in u) and pdf (of the texel) in direction d; w is the pdf [1/sr].
-CLOTH_FN real4 cloth_environment(CLOTH_IN(ClothLights) lights, ClothLight light, real3 d)
+// Radiance (bilinear, periodic in u) and pdf (of the texel) at a place [texels]; w is the pdf [1/sr].
+//   texel, within  its texel, and where in it, [0, 1];  sine  of the angle to the pole
+CLOTH_FN real4 cloth_environment_at(CLOTH_IN(ClothLights) lights, real3 scale, ivec2 texel, real2 within, real sine)
 {
     ivec2 size  = lights.environment_size;
-    real2 uv    = cloth_environment_uv(d, light.shape.x);
-    real2 texel = real2(uv.x * real(size.x), uv.y * real(size.y));
-    int nx = min(int(texel.x), size.x - 1), ny = min(int(texel.y), size.y - 1);
-    real2 c     = real2(texel.x - real(0.5), texel.y - real(0.5));
+    real2 c     = real2(real(texel.x) + (within.x - real(0.5)), real(texel.y) + (within.y - real(0.5)));
     int x0 = int(floor(c.x)), y0 = int(floor(c.y));
     real fx = c.x - real(x0), fy = c.y - real(y0);
     int xa = x0 < 0 ? x0 + size.x : x0, xb = x0 + 1 >= size.x ? 0 : x0 + 1;
@@ -80,25 +78,45 @@ CLOTH_FN real4 cloth_environment(CLOTH_IN(ClothLights) lights, ClothLight light,
     real4 top    = mix(cloth_fetch_environment(lights, ivec2(xa, ya)), cloth_fetch_environment(lights, ivec2(xb, ya)), fx);
     real4 bottom = mix(cloth_fetch_environment(lights, ivec2(xa, yb)), cloth_fetch_environment(lights, ivec2(xb, yb)), fx);
     real4 colour = mix(top, bottom, fy);
-    real density = cloth_fetch_environment(lights, ivec2(nx, ny)).w;
-    real sine    = max(sqrt(d.x * d.x + d.z * d.z), real(1e-7));
-    return real4(real3(colour.x, colour.y, colour.z) * light.radiance, density / (real(2) * cloth_pi * cloth_pi * sine));
+    real density = cloth_fetch_environment(lights, texel).w;
+    return real4(real3(colour.x, colour.y, colour.z) * scale, density / (real(2) * cloth_pi * cloth_pi * max(sine, real(1e-7))));
+}
+
+// The same in direction d.
+CLOTH_FN real4 cloth_environment(CLOTH_IN(ClothLights) lights, CLOTH_IN(ClothLight) light, real3 d)
+{
+    ivec2 size  = lights.environment_size;
+    real2 uv    = cloth_environment_uv(d, light.shape.x);
+    real2 place = real2(uv.x * real(size.x), uv.y * real(size.y));
+    ivec2 texel = ivec2(min(int(place.x), size.x - 1), min(int(place.y), size.y - 1));
+    return cloth_environment_at(lights, light.radiance, texel, place - real2(real(texel.x), real(texel.y)), sqrt(d.x * d.x + d.z * d.z));
+}
+
+// The texel that random bits choose by the alias table, and the row of the table that they ask first.
+CLOTH_FN int cloth_environment_row(CLOTH_IN(ClothLights) lights, uvec2 bits)
+{
+    return int(cloth_multiply_high(bits.x, uint(lights.environment_size.x * lights.environment_size.y)));
+}
+
+CLOTH_FN int cloth_environment_texel(CLOTH_IN(ClothLights) lights, uvec2 bits)
+{
+    int row     = cloth_environment_row(lights, bits);
+    uvec2 alias = cloth_fetch_alias(lights, row);
+    return bits.y < alias.x ? row : int(alias.y);
 }
 
 // ---- the kinds ----------------------------------------------------------------------------------------------------------------
 
 // Samples a light from a point. u on the emitter; bits choose the environment's texel.
-CLOTH_FN ClothLightSample cloth_light_sample(CLOTH_IN(ClothLights) lights, ClothLight light, real3 position, real2 u, uvec2 bits)
+CLOTH_FN ClothLightSample cloth_light_sample(CLOTH_IN(ClothLights) lights, CLOTH_IN(ClothLight) light, real3 position, real2 u, uvec2 bits)
 {
     if (cloth_light_is(light, cloth_light_environment)) {
         ivec2 size = lights.environment_size;
-        int texel  = int(cloth_multiply_high(bits.x, uint(size.x * size.y)));
-        uvec2 alias = cloth_fetch_alias(lights, texel);
-        if (bits.y >= alias.x) texel = int(alias.y);
+        int texel  = cloth_environment_texel(lights, bits);
         int x = texel % size.x, y = texel / size.x;
         real3 wi   = cloth_environment_direction(real2((real(x) + u.x) / real(size.x), (real(y) + u.y) / real(size.y)), light.shape.x);
+        real4 seen = cloth_environment_at(lights, light.radiance, ivec2(x, y), u, sqrt(wi.x * wi.x + wi.z * wi.z));
         wi         = normalize(wi);
-        real4 seen = cloth_environment(lights, light, wi);
         return ClothLightSample(wi, cloth_far, real3(seen.x, seen.y, seen.z), seen.w);
     }
     if (cloth_light_is(light, cloth_light_directional)) {
@@ -147,7 +165,7 @@ CLOTH_FN ClothLightSample cloth_light_sample(CLOTH_IN(ClothLights) lights, Cloth
 }
 
 // What a ray from `position` along wi finds of a light that has extent: radiance, and the pdf that cloth_light_sample has there.
-CLOTH_FN ClothLightSample cloth_light_hit(CLOTH_IN(ClothLights) lights, ClothLight light, real3 position, real3 wi)
+CLOTH_FN ClothLightSample cloth_light_hit(CLOTH_IN(ClothLights) lights, CLOTH_IN(ClothLight) light, real3 position, real3 wi)
 {
     if (cloth_light_is(light, cloth_light_environment)) {
         real4 seen = cloth_environment(lights, light, wi);

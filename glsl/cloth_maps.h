@@ -89,6 +89,28 @@ CLOTH_FN ivec2 cloth_horizon_at(CLOTH_IN(ClothMaps) maps, ivec2 spot)
     return ivec2(cloth_horizon_cell(spot.x, maps.size.x / 2), cloth_horizon_cell(spot.y, maps.size.y / 2));
 }
 
+#ifdef __cplusplus
+// Have what the maps say brought from memory, for those who will ask soon and have other work first. Inlined by force: GCC takes
+// a call that only prefetches for one without effects.
+[[gnu::always_inline]] inline void cloth_prefetch_texels(const ClothMaps& maps, ivec2 spot)   // of both sides
+{
+    int index = (spot.y >> 2) * maps.size.x + (spot.x >> 2);
+    for (int side = 0; side < 2; ++side) __builtin_prefetch(maps.texels[side] + index);
+}
+[[gnu::always_inline]] inline void cloth_prefetch_horizons(const ClothMaps& maps, ivec2 spot)   // likewise
+{
+    ivec2 cell = cloth_horizon_at(maps, spot);
+    int index  = cell.y * (maps.size.x / 2) + cell.x;
+    for (int side = 0; side < 2; ++side)
+        if (maps.horizons[side]) __builtin_prefetch(maps.horizons[side] + index);
+}
+[[gnu::always_inline]] inline void cloth_prefetch_height(const ClothMaps& maps, int side, uvec2 place)
+{
+    ivec2 xy = ivec2(((place >> 16u) * uvec2(maps.size)) >> 16u);
+    __builtin_prefetch(maps.heights[side] + xy.y * maps.size.x + xy.x);
+}
+#endif
+
 // V from 16 knots: as cloth_horizon_visibility, with knots at multiples of 22.5 degrees, which lie half way between its own.
 CLOTH_FN real cloth_horizon16_visibility(CLOTH_IN(ClothMaps) maps, int side, ivec2 spot, real3 d)
 {

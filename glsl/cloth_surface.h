@@ -61,7 +61,7 @@ CLOTH_FN ClothCamera cloth_lens_camera(ClothCamera camera, ClothLens lens, real2
 }
 
 // Ray through raster position (px, py), pixel (0, 0) at the top left.
-CLOTH_FN ClothRay cloth_camera_ray(ClothCamera camera, real2 raster)
+CLOTH_FN ClothRay cloth_camera_ray(CLOTH_IN(ClothCamera) camera, real2 raster)
 {
     real x = real(2) * raster.x / camera.resolution.x - real(1);
     real y = real(1) - real(2) * raster.y / camera.resolution.y;
@@ -92,7 +92,7 @@ CLOTH_FN real2 cloth_barycentric(ClothTriangle triangle, real3 point)
 }
 
 // Frame from a shading normal and the triangle's UV gradient; flipped to side 1 where asked.
-CLOTH_FN ClothFrame cloth_uv_frame(ClothTriangle triangle, real3 normal_front, real3 geometric_front)
+CLOTH_FN ClothFrame cloth_uv_frame(CLOTH_IN(ClothTriangle) triangle, real3 normal_front, real3 geometric_front)
 {
     real3 e1 = triangle.p1 - triangle.p0, e2 = triangle.p2 - triangle.p0;
     real2 d1 = triangle.t1 - triangle.t0, d2 = triangle.t2 - triangle.t0;
@@ -102,7 +102,7 @@ CLOTH_FN ClothFrame cloth_uv_frame(ClothTriangle triangle, real3 normal_front, r
     real len2  = dot(x, x);
     // A triangle without UV area has no direction of yarns: any frame, but always the same one.
     if (!(len2 > real(1e-12) * dot(dp_u, dp_u)) || det == real(0)) return cloth_frame(normal_front);
-    x        = x / sqrt(len2);
+    x        = x * (real(1) / sqrt(len2));
     real3 y  = cross(normal_front, x);
     // Mirrored UVs mirror the fabric: y follows +v. The UV winding is judged against the geometric winding.
     real3 dp_v = (e2 * d1.x - e1 * d2.x) * (det < real(0) ? real(-1) : real(1));
@@ -111,28 +111,31 @@ CLOTH_FN ClothFrame cloth_uv_frame(ClothTriangle triangle, real3 normal_front, r
 }
 
 // The surface where a camera ray meets a triangle. The caller knows that it does (raster or BVH).
-CLOTH_FN ClothSurface cloth_surface(ClothTriangle triangle, ClothRay ray)
+CLOTH_FN ClothSurface cloth_surface(CLOTH_IN(ClothTriangle) triangle, CLOTH_IN(ClothRay) ray)
 {
     real3 e1 = triangle.p1 - triangle.p0, e2 = triangle.p2 - triangle.p0;
     real3 n  = cross(e1, e2);
     real3 n_front = cloth_unit_vector(n * (real(1) / max(max(abs(n.x), abs(n.y)), max(abs(n.z), real(1e-30)))), real3(real(0), real(0), real(1)));
-    real facing   = dot(n_front, ray.direction);
-    real facing_s = (facing < real(0) ? real(-1) : real(1)) * max(abs(facing), real(1e-12));
-    real t  = dot(triangle.p0 - ray.origin, n_front) / facing_s;
-    real2 b = cloth_barycentric(triangle, ray.origin + ray.direction * t);
-    b       = clamp(b, real2(real(0), real(0)), real2(real(1), real(1)));
-    real b0 = real(1) - b.x - b.y;
+    real facing     = dot(n_front, ray.direction);
+    real per_facing = (facing < real(0) ? real(-1) : real(1)) / max(abs(facing), real(1e-12));
+    real t          = dot(triangle.p0 - ray.origin, n_front) * per_facing;
+    // Gradients of the barycentric coordinates in the triangle's plane.
+    real n2      = dot(n, n);
+    real per_n2  = real(1) / max(n2, real(1e-38));
+    real3 grad1  = cross(e2, n) * per_n2, grad2 = cross(n, e1) * per_n2;
+    real3 d      = ray.origin + ray.direction * t - triangle.p0;
+    real2 b      = n2 > real(0) ? real2(dot(d, grad1), dot(d, grad2)) : real2(real(1) / real(3), real(1) / real(3));
+    b            = clamp(b, real2(real(0), real(0)), real2(real(1), real(1)));
+    real b0      = real(1) - b.x - b.y;
 
     ClothSurface s;
     s.position = triangle.p0 + e1 * b.x + e2 * b.y;
-    s.tile     = triangle.t0 + (triangle.t1 - triangle.t0) * b.x + (triangle.t2 - triangle.t0) * b.y;
+    real2 dt1  = triangle.t1 - triangle.t0, dt2 = triangle.t2 - triangle.t0;
+    s.tile     = triangle.t0 + dt1 * b.x + dt2 * b.y;
 
     // Exact derivatives: the ray of the neighbouring pixel meets the same plane (Igehy 1999).
-    real n2      = max(dot(n, n), real(1e-38));
-    real3 grad1  = cross(e2, n) / n2, grad2 = cross(n, e1) / n2;
-    real3 p_dx   = (ray.direction_dx - ray.direction * (dot(ray.direction_dx, n_front) / facing_s)) * t;
-    real3 p_dy   = (ray.direction_dy - ray.direction * (dot(ray.direction_dy, n_front) / facing_s)) * t;
-    real2 dt1 = triangle.t1 - triangle.t0, dt2 = triangle.t2 - triangle.t0;
+    real3 p_dx   = (ray.direction_dx - ray.direction * (dot(ray.direction_dx, n_front) * per_facing)) * t;
+    real3 p_dy   = (ray.direction_dy - ray.direction * (dot(ray.direction_dy, n_front) * per_facing)) * t;
     // One tile either way is as much as a footprint can tell: beyond, every point of the tile is equally likely [hazard 18].
     s.tile_dx = clamp(dt1 * dot(grad1, p_dx) + dt2 * dot(grad2, p_dx), real2(real(-64), real(-64)), real2(real(64), real(64)));
     s.tile_dy = clamp(dt1 * dot(grad1, p_dy) + dt2 * dot(grad2, p_dy), real2(real(-64), real(-64)), real2(real(64), real(64)));

@@ -11,6 +11,8 @@
 #include <cmath>
 #include <limits>
 #include <memory>
+#include <new>
+#include <type_traits>
 
 #include <tbb/blocked_range2d.h>
 #include <tbb/enumerable_thread_specific.h>
@@ -28,6 +30,13 @@ constexpr int layer_limit = 1024;         // sheets that a ray passes through be
 constexpr std::uint32_t batch_size = 128; // samples; their state, 1 kB each, stays in the second-level cache
 constexpr std::uint32_t drawn_count = f32::cloth_dim_lens + 1;
 
+// Makes a large value where it stays. Copied right after it was written in pieces, it would wait for them all.
+template <class Value, class Make> void make_in(Value& place, const Make& make)
+{
+    static_assert(std::is_trivially_destructible_v<Value>);
+    ::new (static_cast<void*>(&place)) Value(make());
+}
+
 bool is_good(glm::vec3 radiance)
 {
     return std::min(radiance.x, std::min(radiance.y, radiance.z)) >= 0.0f &&
@@ -43,7 +52,7 @@ f32::ClothShading only_lobe(const f32::ClothShading& shading, AovIndex term)
     if (term != aov_index_reflection_diffuse) yarn.diffuse_r = glm::vec3(0.0f);
     if (term != aov_index_transmission_specular) yarn.albedo_t = glm::vec3(0.0f);
     if (term != aov_index_transmission_diffuse) yarn.diffuse_t = glm::vec3(0.0f);
-    if (term != aov_index_multiple_scattering) lobe.between_r = lobe.between_t = glm::vec3(0.0f);
+    if (term != aov_index_multiple_scattering) lobe.between.r = lobe.between.t = glm::vec3(0.0f);
     return lobe;
 }
 
@@ -101,15 +110,23 @@ struct Renderer::Batch {
     std::uint32_t walking[batch_size], found[batch_size];
     float near[batch_size];
     std::uint32_t passed_object[batch_size], passed_triangle[batch_size];
-    RayHit hit[batch_size];
+    RayHit hit[batch_size], hit_together[batch_size];
+    PencilRay pencil[batch_size];
+    f32::ClothDescent descent[batch_size];
+    f32::ClothPlace point[batch_size];
 
     // of add_direct_light: [0] by light sampling, [1] by BSDF sampling
     struct Lit {
         std::uint32_t lane;
         int way;
+        std::uint32_t ray; // of shadow_ray
     };
     Lit lit[2 * batch_size];
     f32::ClothDirect light[2][batch_size];
+    f32::ClothLightChoice choice[batch_size];
+    std::uint32_t sky[batch_size];
+    ShadowRay shadow_ray[2 * batch_size];
+    std::vector<CrossedSheet> sheets;
     glm::vec3 first_light[2][batch_size];
 
     f32::ClothRandom random(std::uint32_t lane) const { return {seed[lane], index[lane], offset, drawn[lane]}; }
@@ -183,10 +200,12 @@ void Renderer::begin(Batch& batch, Counters&) const
     for (std::uint32_t k = 0; k < batch.count; ++k) {
         const glm::vec2 u = f32::cloth_draw(batch.random(k), f32::cloth_dim_pixel);
         const glm::vec2 centre = glm::vec2(batch.place[k]) + glm::vec2(0.5f);
-        const f32::ClothCamera camera =
-            pinhole ? camera_
-                    : f32::cloth_lens_camera(camera_, lens_, f32::cloth_draw(batch.random(k), f32::cloth_dim_lens));
-        batch.ray[k] = f32::cloth_camera_ray(camera, centre + f32::cloth_filter_offset(scene_.film.filter, u));
+        const glm::vec2 raster = centre + f32::cloth_filter_offset(scene_.film.filter, u);
+        make_in(batch.ray[k], [&] {
+            if (pinhole) return f32::cloth_camera_ray(camera_, raster);
+            const glm::vec2 u_lens = f32::cloth_draw(batch.random(k), f32::cloth_dim_lens);
+            return f32::cloth_camera_ray(f32::cloth_lens_camera(camera_, lens_, u_lens), raster);
+        });
         batch.throughput[k] = glm::vec3(1.0f);
         batch.radiance[k] = glm::vec3(0.0f);
         batch.through[k] = false;
@@ -208,18 +227,30 @@ void Renderer::find_vertices(Batch& batch, bool camera, Counters& counters) cons
     std::uint32_t seeds[batch_size];
     for (int layer = 0; layer < layer_limit && walking > 0; ++layer) {
         std::uint32_t found = 0, again = 0;
+        counters.rays += walking;
+        if (camera) {
+            for (std::uint32_t k = 0; k < walking; ++k) {
+                const std::uint32_t lane = batch.walking[k];
+                batch.pencil[k] = {batch.ray[lane].origin, batch.ray[lane].direction, batch.near[lane]};
+            }
+            rays_.closest_together(batch.pencil, walking, batch.hit_together);
+        }
         for (std::uint32_t k = 0; k < walking; ++k) {
             const std::uint32_t lane = batch.walking[k];
             const f32::ClothRay& ray = batch.ray[lane];
-            ++counters.rays;
-            const RayHit hit =
-                rays_.closest(ray.origin, ray.direction, batch.near[lane], std::numeric_limits<float>::infinity());
+            const RayHit hit = camera ? batch.hit_together[k]
+                                      : rays_.closest(ray.origin, ray.direction, batch.near[lane],
+                                                      std::numeric_limits<float>::infinity());
             if (!hit.any) continue;
             batch.near[lane] = std::nextafter(hit.distance, std::numeric_limits<float>::infinity());
             if (hit.object == batch.passed_object[lane] && hit.triangle == batch.passed_triangle[lane]) {
                 batch.walking[again++] = lane;
                 continue;
             }
+            const Mesh& mesh = scene_.objects[hit.object].mesh;
+            __builtin_prefetch(mesh.triangles.data() + hit.triangle);
+            __builtin_prefetch(mesh.corner_tiles.data() + 3 * std::size_t(hit.triangle));
+            __builtin_prefetch(mesh.tile_base.data() + hit.triangle);
             batch.hit[lane] = hit;
             batch.found[found++] = lane;
         }
@@ -240,9 +271,9 @@ void Renderer::find_vertices(Batch& batch, bool camera, Counters& counters) cons
             vertex.object = hit.object;
             vertex.triangle = hit.triangle;
             vertex.distance = hit.distance;
-            vertex.surface = f32::cloth_surface(triangle, batch.ray[lane]);
+            make_in(vertex.surface, [&] { return f32::cloth_surface(triangle, batch.ray[lane]); });
             if (object.fabric < 0) {
-                vertex.shading = f32::cloth_shade_plain(object.albedo, object.roughness);
+                make_in(vertex.shading, [&] { return f32::cloth_shade_plain(object.albedo, object.roughness); });
                 batch.met[lane] = true;
                 continue;
             }
@@ -253,17 +284,53 @@ void Renderer::find_vertices(Batch& batch, bool camera, Counters& counters) cons
 
         // The points of the cloth.
         batch.draw(batch.found, fabrics, seeds, {f32::cloth_dim_footprint, f32::cloth_dim_texel, f32::cloth_dim_pick});
+        const f32::ClothSettings& settings = scene_.model.settings;
+        const auto footprint_of = [&](const Vertex& vertex) {
+            return f32::ClothFootprint{vertex.surface.tile, vertex.surface.tile_dx, vertex.surface.tile_dy,
+                                       scene_.objects[vertex.object].mesh.tile_base[vertex.triangle]};
+        };
+        const auto random_of = [&](std::uint32_t k) {
+            f32::ClothRandom random = batch.random(batch.found[k]);
+            random.seed = seeds[k];
+            return random;
+        };
+        const bool relief = f32::cloth_follows_relief(settings);
+        for (std::uint32_t k = 0; k < fabrics && relief; ++k) {
+            const std::uint32_t lane = batch.found[k];
+            const Vertex& vertex = batch.vertex[lane];
+            const f32::ClothMaps& maps = maps_[vertex.object];
+            make_in(batch.descent[lane], [&] {
+                return f32::cloth_descent(maps, vertex.surface.side,
+                                          f32::cloth_footprint_tile(maps, footprint_of(vertex), random_of(k)),
+                                          vertex.surface.wo, f32::cloth_draw(random_of(k), f32::cloth_dim_pick).x);
+            });
+            f32::cloth_prefetch_height(maps, vertex.surface.side, batch.descent[lane].place);
+        }
+        for (std::uint32_t k = 0; k < fabrics; ++k) {
+            const std::uint32_t lane = batch.found[k];
+            const Vertex& vertex = batch.vertex[lane];
+            const f32::ClothMaps& maps = maps_[vertex.object];
+            const int side = vertex.surface.side;
+            batch.point[lane] =
+                relief ? f32::cloth_place_at(maps, f32::cloth_descend(maps, side, batch.descent[lane]), 1.0f)
+                       : f32::cloth_find(maps, side, footprint_of(vertex), vertex.surface.wo, settings, random_of(k),
+                                         f32::cloth_draw(random_of(k), f32::cloth_dim_pick).x);
+            f32::cloth_prefetch_texels(maps, batch.point[lane].spot);
+        }
         for (std::uint32_t k = 0; k < fabrics; ++k) {
             const std::uint32_t lane = batch.found[k];
             Vertex& vertex = batch.vertex[lane];
-            const f32::ClothFootprint footprint{vertex.surface.tile, vertex.surface.tile_dx, vertex.surface.tile_dy,
-                                                scene_.objects[vertex.object].mesh.tile_base[vertex.triangle]};
-            f32::ClothRandom random = batch.random(lane);
-            random.seed = seeds[k];
-            const f32::ClothSelection selection = f32::cloth_select(
-                maps_[vertex.object], vertex.surface.side, footprint, vertex.surface.wo, scene_.model.settings, random);
+            f32::ClothSelection& selection = vertex.shading.selection;
+            make_in(selection, [&] {
+                return f32::cloth_meet(maps_[vertex.object], vertex.surface.side, footprint_of(vertex),
+                                       batch.point[lane], vertex.surface.wo, settings,
+                                       f32::cloth_draw(batch.random(lane), f32::cloth_dim_pick).y, false);
+            });
             if (!selection.passes) {
-                vertex.shading = f32::cloth_shade_fabric(selection, scene_.model.settings);
+                vertex.shading.matte = false;
+                vertex.shading.albedo = glm::vec3(0.0f);
+                vertex.shading.roughness = 0.0f;
+                vertex.shading.between = f32::cloth_between(selection, settings);
                 batch.met[lane] = true;
                 continue;
             }
@@ -296,34 +363,72 @@ void Renderer::add_direct_light(Batch& batch, Counters& counters) const
     else
         batch.draw_alive({f32::cloth_dim_light, f32::cloth_dim_emitter, f32::cloth_dim_subtexel, f32::cloth_dim_lobe,
                           f32::cloth_dim_direction});
+    // The environment's tables are large: first one, then the other is brought for all lanes that will look there. So
+    // are the horizons.
+    std::uint32_t skies = 0;
+    for (std::uint32_t k = 0; k < batch.alive_count; ++k) {
+        const std::uint32_t lane = batch.alive[k];
+        const f32::ClothRandom random = batch.random(lane);
+        make_in(batch.choice[lane], [&] {
+            return f32::cloth_choose_light(lights_, f32::cloth_draw(random, f32::cloth_dim_light).x);
+        });
+        const Vertex& vertex = batch.vertex[lane];
+        if (!vertex.shading.matte)
+            f32::cloth_prefetch_horizons(maps_[vertex.object], vertex.shading.selection.spot);
+        if (!f32::cloth_light_is(batch.choice[lane].light, f32::cloth_light_environment)) continue;
+        __builtin_prefetch(lights_.alias + f32::cloth_environment_row(
+                                               lights_, f32::cloth_draw_bits(random, f32::cloth_dim_emitter)));
+        batch.sky[skies++] = lane;
+    }
+    for (std::uint32_t k = 0; k < skies; ++k) {
+        const glm::uvec2 bits = f32::cloth_draw_bits(batch.random(batch.sky[k]), f32::cloth_dim_emitter);
+        const int width = lights_.environment_size.x, count = width * lights_.environment_size.y;
+        const int texel = f32::cloth_environment_texel(lights_, bits);
+        for (const int at : {texel, std::max(texel - width, 0), std::min(texel + width, count - 1)})
+            __builtin_prefetch(lights_.environment + at);
+    }
     std::uint32_t lit = 0;
     for (std::uint32_t k = 0; k < batch.alive_count; ++k) {
         const std::uint32_t lane = batch.alive[k];
         const Vertex& vertex = batch.vertex[lane];
         const f32::ClothRandom random = batch.random(lane);
-        const f32::ClothLightChoice choice =
-            f32::cloth_choose_light(lights_, f32::cloth_draw(random, f32::cloth_dim_light).x);
+        const f32::ClothLightChoice& choice = batch.choice[lane];
         const int ways = settings_.mis && f32::cloth_light_has_two_ways(choice.light, vertex.shading) ? 2 : 1;
         const glm::vec2 u_lobe = ways == 2 ? f32::cloth_draw(random, f32::cloth_dim_lobe) : glm::vec2(0.0f);
         for (int way = 0; way < ways; ++way) {
             f32::ClothDirect& light = batch.light[way][lane];
-            light =
-                f32::cloth_direct_by(lights_, maps_[vertex.object], vertex.surface, vertex.shading,
-                                     scene_.model.settings, random, choice, way == 1, ways == 2 ? 1.0f : 0.0f, u_lobe);
+            make_in(light, [&] {
+                return f32::cloth_direct_by(lights_, maps_[vertex.object], vertex.surface, vertex.shading,
+                                            scene_.model.settings, random, choice, way == 1, ways == 2 ? 1.0f : 0.0f,
+                                            u_lobe);
+            });
             if (light.any)
-                batch.lit[lit++] = {lane, way};
+                batch.lit[lit++] = {lane, way, 0};
             else
                 ++counters.rays_saved;
         }
     }
+    // Rays to a light that looks small from everywhere go nearly the same way.
+    std::uint32_t together = 0, ray = 0;
+    for (const bool small : {true, false}) {
+        for (std::uint32_t k = 0; k < lit; ++k) {
+            const auto [lane, way, at] = batch.lit[k];
+            const f32::ClothLight& of = batch.choice[lane].light;
+            if (small != (f32::cloth_light_is(of, f32::cloth_light_directional) || f32::cloth_light_is_delta(of)))
+                continue;
+            const f32::ClothSurface& surface = batch.vertex[lane].surface;
+            const f32::ClothDirect& light = batch.light[way][lane];
+            const glm::vec3 normal = glm::dot(light.wi, surface.normal_g) > 0.0f ? surface.normal_g : -surface.normal_g;
+            batch.shadow_ray[ray] = {f32::cloth_leave(surface.position, normal), light.wi,
+                                     light.distance * (1.0f - 1e-4f), 0.0f};
+            batch.lit[k].ray = ray++;
+        }
+        if (small) together = ray;
+    }
+    rays_.find_transmittances(batch.shadow_ray, together, lit, scene_.model.settings, batch.sheets);
     for (std::uint32_t k = 0; k < lit; ++k) {
-        const auto [lane, way] = batch.lit[k];
-        const f32::ClothSurface& surface = batch.vertex[lane].surface;
-        const f32::ClothDirect& light = batch.light[way][lane];
-        const glm::vec3 normal = glm::dot(light.wi, surface.normal_g) > 0.0f ? surface.normal_g : -surface.normal_g;
-        const glm::vec3 origin = f32::cloth_leave(surface.position, normal);
-        const glm::vec3 value =
-            light.value * rays_.transmittance(origin, light.wi, light.distance * (1.0f - 1e-4f), scene_.model.settings);
+        const auto [lane, way, at] = batch.lit[k];
+        const glm::vec3 value = batch.light[way][lane].value * batch.shadow_ray[at].transmittance;
         batch.first_light[way][lane] = value; // read after the first vertex only
         batch.radiance[lane] += batch.throughput[lane] * value;
     }

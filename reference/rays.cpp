@@ -3,7 +3,9 @@
 
 #include <algorithm>
 #include <cmath>
+#include <limits>
 #include <stdexcept>
+#include <tuple>
 
 #include "bake/error.hpp"
 #include "reference/embree.hpp"
@@ -16,55 +18,73 @@ namespace f32 = cloth::f32;
 namespace
 {
 
-// What a shadow ray carries for the filter of fabrics with gaps. Embree's own struct comes first.
+// What shadow rays carry for the filter of fabrics with gaps. Embree's own struct comes first.
 struct ShadowContext {
 #if RTC_VERSION_MAJOR >= 4
     RTCRayQueryContext base;
 #else
     RTCIntersectContext base;
 #endif
-    f32::ClothSettings settings;
-    float transmittance; // of the sheets passed so far
+    std::vector<CrossedSheet>* sheets;
 };
 
-// What the filter knows about its geometry: the fabric, and what of a triangle is the same for every ray.
-struct FilterTarget {
-    const SceneObject* object;
-    f32::ClothMaps maps;
-    std::vector<f32::ClothFrame> frames; // of the flat triangles, from their front
+// What of a flat triangle of cloth is the same for every ray: tiles at its first corner and along its edges, and its
+// frame from the front. A cache line.
+struct alignas(64) SheetTriangle {
+    glm::vec2 tile, tile_1, tile_2;
+    f32::ClothFrame frame;
 };
 
-std::vector<f32::ClothFrame> flat_frames(const SceneObject& object)
+std::vector<SheetTriangle> sheet_triangles(const SceneObject& object)
 {
-    std::vector<f32::ClothFrame> frames(object.mesh.triangles.size());
-    for (std::size_t k = 0; k < frames.size(); ++k) {
+    std::vector<SheetTriangle> sheet(object.mesh.triangles.size());
+    for (std::size_t k = 0; k < sheet.size(); ++k) {
         const f32::ClothTriangle triangle = triangle_of(object, k);
         const glm::vec3 n = glm::cross(triangle.p1 - triangle.p0, triangle.p2 - triangle.p0);
         const glm::vec3 n_g = f32::cloth_unit_vector(
             n * (1.0f / std::max({std::abs(n.x), std::abs(n.y), std::abs(n.z), 1e-30f})), glm::vec3(0.0f, 0.0f, 1.0f));
-        frames[k] = f32::cloth_uv_frame(triangle, n_g, n_g);
+        sheet[k] = {triangle.t0, triangle.t1 - triangle.t0, triangle.t2 - triangle.t0,
+                    f32::cloth_uv_frame(triangle, n_g, n_g)};
     }
-    return frames;
+    return sheet;
 }
 
-// Lets a shadow ray through one sheet of cloth, less what the sheet keeps. Called for single rays only.
-void pass_cloth(const RTCFilterFunctionNArguments* arguments)
-{
-    if (arguments->valid[0] == 0) return;
-    const FilterTarget& target = *static_cast<const FilterTarget*>(arguments->geometryUserPtr);
-    ShadowContext& context = *reinterpret_cast<ShadowContext*>(arguments->context);
-    const std::uint32_t primitive = RTCHitN_primID(arguments->hit, 1, 0);
-    const float u = RTCHitN_u(arguments->hit, 1, 0), v = RTCHitN_v(arguments->hit, 1, 0);
-    const glm::vec3 direction(RTCRayN_dir_x(arguments->ray, 1, 0), RTCRayN_dir_y(arguments->ray, 1, 0),
-                              RTCRayN_dir_z(arguments->ray, 1, 0));
+// A fabric that light passes through, by the objects of the scene; no triangles where the object is none.
+struct Sheets {
+    f32::ClothMaps maps;
+    std::vector<SheetTriangle> triangles;
+};
 
-    const glm::vec2* corners = target.object->mesh.corner_tiles.data() + 3 * std::size_t(primitive);
-    const glm::vec2 tile = corners[0] + (corners[1] - corners[0]) * u + (corners[2] - corners[0]) * v;
-    const float share = f32::cloth_transmittance(
-        target.maps, tile, f32::cloth_to_local(target.frames[primitive], direction), context.settings);
-    if (share <= 0.0f) return;
-    context.transmittance *= share;
-    arguments->valid[0] = 0;
+// Rays that go nearly the same way are traced so many at a time.
+constexpr std::uint32_t packet = 16;
+
+void set_ray(RTCRay16& rays, std::uint32_t k, glm::vec3 origin, glm::vec3 direction, float near, float far)
+{
+    rays.org_x[k] = origin.x, rays.org_y[k] = origin.y, rays.org_z[k] = origin.z;
+    rays.dir_x[k] = direction.x, rays.dir_y[k] = direction.y, rays.dir_z[k] = direction.z;
+    rays.tnear[k] = near;
+    rays.tfar[k] = far;
+    rays.time[k] = 0.0f;
+    rays.mask[k] = ~0u;
+    rays.id[k] = k;
+    rays.flags[k] = 0;
+}
+
+// Lets shadow rays through one sheet of cloth, which is noted.
+void cross_sheet(const RTCFilterFunctionNArguments* arguments)
+{
+    const auto* triangles = static_cast<const SheetTriangle*>(arguments->geometryUserPtr);
+    ShadowContext& context = *reinterpret_cast<ShadowContext*>(arguments->context);
+    const unsigned count = arguments->N;
+    for (unsigned k = 0; k < count; ++k) {
+        if (arguments->valid[k] == 0) continue;
+        const std::uint32_t triangle = RTCHitN_primID(arguments->hit, count, k);
+        __builtin_prefetch(triangles + triangle);
+        context.sheets->push_back({RTCRayN_id(arguments->ray, count, k), RTCHitN_geomID(arguments->hit, count, k),
+                                   triangle, RTCHitN_u(arguments->hit, count, k), RTCHitN_v(arguments->hit, count, k),
+                                   glm::vec2(0.0f), glm::vec3(0.0f)});
+        arguments->valid[k] = 0;
+    }
 }
 
 } // namespace
@@ -72,7 +92,7 @@ void pass_cloth(const RTCFilterFunctionNArguments* arguments)
 struct RayScene::State {
     RTCDevice device = nullptr;
     RTCScene scene = nullptr;
-    std::vector<FilterTarget> targets;
+    std::vector<Sheets> sheets;
 
     ~State()
     {
@@ -92,14 +112,14 @@ RayScene::RayScene(const Scene& scene) : state_(std::make_unique<State>())
     const bool filtered = std::any_of(scene.objects.begin(), scene.objects.end(),
                                       [&](const SceneObject& object) { return lets_rays_through(scene, object); });
     rtcSetSceneBuildQuality(state.scene, filtered ? RTC_BUILD_QUALITY_MEDIUM : RTC_BUILD_QUALITY_HIGH);
-    state.targets.reserve(scene.objects.size());
+    state.sheets.resize(scene.objects.size());
     for (std::size_t k = 0; k < scene.objects.size(); ++k) {
         const SceneObject& object = scene.objects[k];
         RTCGeometry geometry = new_triangles(state.device, object.mesh.positions, object.mesh.triangles);
         if (lets_rays_through(scene, object)) {
-            state.targets.push_back({&object, maps_of(scene.fabrics[std::size_t(object.fabric)]), flat_frames(object)});
-            rtcSetGeometryUserData(geometry, &state.targets.back());
-            rtcSetGeometryOccludedFilterFunction(geometry, pass_cloth);
+            state.sheets[k] = {maps_of(scene.fabrics[std::size_t(object.fabric)]), sheet_triangles(object)};
+            rtcSetGeometryUserData(geometry, state.sheets[k].triangles.data());
+            rtcSetGeometryOccludedFilterFunction(geometry, cross_sheet);
             ++needs_.filtered_objects;
         }
         rtcCommitGeometry(geometry);
@@ -121,32 +141,132 @@ RayHit RayScene::closest(glm::vec3 origin, glm::vec3 direction, float near, floa
     return {true, query.hit.geomID, query.hit.primID, query.ray.tfar};
 }
 
-float RayScene::transmittance(glm::vec3 origin, glm::vec3 direction, float far,
-                              const f32::ClothSettings& settings) const
+void RayScene::closest_together(const PencilRay* rays, std::uint32_t count, RayHit* hits) const
 {
-    RTCRay ray;
-    ray.org_x = origin.x, ray.org_y = origin.y, ray.org_z = origin.z;
-    ray.dir_x = direction.x, ray.dir_y = direction.y, ray.dir_z = direction.z;
-    ray.tnear = 0.0f;
-    ray.tfar = far;
-    ray.time = 0.0f;
-    ray.mask = ~0u;
-    ray.id = 0;
-    ray.flags = 0;
+    constexpr float edge = 1e-4f;
+    for (std::uint32_t first = 0; first < count; first += packet) {
+        alignas(64) int valid[packet];
+        alignas(64) RTCRayHit16 query;
+        for (std::uint32_t k = 0; k < packet; ++k) {
+            const PencilRay& ray = rays[std::min(first + k, count - 1)];
+            valid[k] = first + k < count ? -1 : 0;
+            set_ray(query.ray, k, ray.origin, ray.direction, ray.near, std::numeric_limits<float>::infinity());
+            query.hit.geomID[k] = RTC_INVALID_GEOMETRY_ID;
+            query.hit.primID[k] = RTC_INVALID_GEOMETRY_ID;
+            query.hit.instID[0][k] = RTC_INVALID_GEOMETRY_ID;
+        }
+#if RTC_VERSION_MAJOR >= 4
+        RTCIntersectArguments arguments;
+        rtcInitIntersectArguments(&arguments);
+        arguments.flags = RTC_RAY_QUERY_FLAG_COHERENT;
+        rtcIntersect16(valid, state_->scene, &query, &arguments);
+#else
+        RTCIntersectContext context;
+        rtcInitIntersectContext(&context);
+        context.flags = RTC_INTERSECT_CONTEXT_FLAG_COHERENT;
+        rtcIntersect16(valid, state_->scene, &context, &query);
+#endif
+        for (std::uint32_t k = 0; k < packet && first + k < count; ++k) {
+            RayHit& hit = hits[first + k];
+            hit = {query.hit.geomID[k] != RTC_INVALID_GEOMETRY_ID, query.hit.geomID[k], query.hit.primID[k],
+                   query.ray.tfar[k]};
+            if (!hit.any) continue;
+            // Of triangles that meet in a point the tree's order decides, which is that of the whole packet: such a ray
+            // is asked for alone, so that its answer does not depend on which others it goes with.
+            const float u = query.hit.u[k], v = query.hit.v[k];
+            const PencilRay& ray = rays[first + k];
+            if (std::min({u, v, 1.0f - u - v}) < edge)
+                hit = closest(ray.origin, ray.direction, ray.near, std::numeric_limits<float>::infinity());
+        }
+    }
+}
+
+void RayScene::find_transmittances(ShadowRay* rays, std::uint32_t together, std::uint32_t count,
+                                   const f32::ClothSettings& settings, std::vector<CrossedSheet>& sheets) const
+{
+    sheets.clear();
     ShadowContext context;
-    context.settings = settings;
-    context.transmittance = 1.0f;
+    context.sheets = &sheets;
 #if RTC_VERSION_MAJOR >= 4
     rtcInitRayQueryContext(&context.base);
     RTCOccludedArguments arguments;
     rtcInitOccludedArguments(&arguments);
     arguments.context = &context.base;
-    rtcOccluded1(state_->scene, &ray, &arguments);
+    arguments.flags = RTC_RAY_QUERY_FLAG_COHERENT;
 #else
     rtcInitIntersectContext(&context.base);
-    rtcOccluded1(state_->scene, &context.base, &ray);
+    context.base.flags = RTC_INTERSECT_CONTEXT_FLAG_COHERENT;
 #endif
-    return ray.tfar < 0.0f ? 0.0f : context.transmittance;
+    for (std::uint32_t first = 0; first < together; first += packet) {
+        alignas(64) int valid[packet];
+        alignas(64) RTCRay16 query;
+        for (std::uint32_t k = 0; k < packet; ++k) {
+            const std::uint32_t at = std::min(first + k, together - 1);
+            valid[k] = first + k < together ? -1 : 0;
+            set_ray(query, k, rays[at].origin, rays[at].direction, 0.0f, rays[at].far);
+            query.id[k] = at;
+        }
+#if RTC_VERSION_MAJOR >= 4
+        rtcOccluded16(valid, state_->scene, &query, &arguments);
+#else
+        rtcOccluded16(valid, state_->scene, &context.base, &query);
+#endif
+        for (std::uint32_t k = 0; k < packet && first + k < together; ++k)
+            rays[first + k].transmittance = query.tfar[k] < 0.0f ? 0.0f : 1.0f;
+    }
+#if RTC_VERSION_MAJOR >= 4
+    arguments.flags = RTC_RAY_QUERY_FLAG_INCOHERENT;
+#else
+    context.base.flags = RTC_INTERSECT_CONTEXT_FLAG_INCOHERENT;
+#endif
+    for (std::uint32_t k = together; k < count; ++k) {
+        RTCRay ray;
+        ray.org_x = rays[k].origin.x, ray.org_y = rays[k].origin.y, ray.org_z = rays[k].origin.z;
+        ray.dir_x = rays[k].direction.x, ray.dir_y = rays[k].direction.y, ray.dir_z = rays[k].direction.z;
+        ray.tnear = 0.0f;
+        ray.tfar = rays[k].far;
+        ray.time = 0.0f;
+        ray.mask = ~0u;
+        ray.id = k;
+        ray.flags = 0;
+        const std::size_t crossed = sheets.size();
+#if RTC_VERSION_MAJOR >= 4
+        rtcOccluded1(state_->scene, &ray, &arguments);
+#else
+        rtcOccluded1(state_->scene, &context.base, &ray);
+#endif
+        const bool blocked = ray.tfar < 0.0f;
+        if (blocked) sheets.resize(crossed);
+        rays[k].transmittance = blocked ? 0.0f : 1.0f;
+    }
+    if (sheets.empty()) return;
+
+    // Rays that are blocked need no share. A product is the same bits in one order only: that of the triangles.
+    std::erase_if(sheets, [&](const CrossedSheet& sheet) { return rays[sheet.ray].transmittance <= 0.0f; });
+    std::sort(sheets.begin(), sheets.end(), [](const CrossedSheet& a, const CrossedSheet& b) {
+        return std::tie(a.ray, a.object, a.triangle) < std::tie(b.ray, b.object, b.triangle);
+    });
+    for (CrossedSheet& sheet : sheets) {
+        const Sheets& of = state_->sheets[sheet.object];
+        const SheetTriangle& triangle = of.triangles[sheet.triangle];
+        sheet.tile = triangle.tile + triangle.tile_1 * sheet.u + triangle.tile_2 * sheet.v;
+        sheet.direction = f32::cloth_to_local(triangle.frame, rays[sheet.ray].direction);
+        const glm::ivec2 spot = f32::cloth_spot_at(of.maps, sheet.tile);
+        f32::cloth_prefetch_texels(of.maps, spot);
+        f32::cloth_prefetch_horizons(of.maps, spot);
+    }
+    for (const CrossedSheet& sheet : sheets)
+        rays[sheet.ray].transmittance *=
+            f32::cloth_transmittance(state_->sheets[sheet.object].maps, sheet.tile, sheet.direction, settings);
+}
+
+float RayScene::transmittance(glm::vec3 origin, glm::vec3 direction, float far,
+                              const f32::ClothSettings& settings) const
+{
+    ShadowRay ray{origin, direction, far, 0.0f};
+    std::vector<CrossedSheet> sheets;
+    find_transmittances(&ray, 0, 1, settings, sheets);
+    return ray.transmittance;
 }
 
 // ---- the preview's BVH

@@ -20,13 +20,33 @@ struct RayHit {
     float distance = 0.0f; // in lengths of the direction, which need not be unit
 };
 
+struct PencilRay {
+    glm::vec3 origin, direction;
+    float near;
+};
+
+struct ShadowRay {
+    glm::vec3 origin, direction;
+    float far;           // in lengths of the direction
+    float transmittance; // answer: share of the light that arrives
+};
+
+// A sheet of cloth that a shadow ray has crossed, until it is known what it lets through.
+struct CrossedSheet {
+    std::uint32_t ray, object, triangle;
+    float u, v;
+    glm::vec2 tile;
+    glm::vec3 direction; // local
+};
+
 // What the scene did not need.
 struct RayNeeds {
     std::size_t triangles = 0;
     int objects = 0, filtered_objects = 0; // filtered: with gaps that a shadow ray has to look at
 };
 
-// The scene must outlive it and not change. Queries may run in any number of threads at once; they allocate nothing.
+// The scene must outlive it and not change. Queries may run in any number of threads at once; they allocate nothing but
+// room for `sheets`.
 class RayScene
 {
   public:
@@ -37,7 +57,15 @@ class RayScene
 
     // First triangle with distance in [near, far], in lengths of `direction`.
     RayHit closest(glm::vec3 origin, glm::vec3 direction, float near, float far) const;
+    // The same bits, from `near` to infinity, of rays that go nearly the same way. Only where two objects have the very
+    // same surface may it be the other one that is met.
+    void closest_together(const PencilRay* rays, std::uint32_t count, RayHit* hits) const;
     // Share of the light that arrives: 0 behind matte, times cloth_transmittance for every sheet of cloth in the way.
+    // Of many rays at once, so that what the maps say of one sheet is on its way from memory while others are looked at.
+    //   together  so many of them, the first, go nearly the same way; the answers' bits do not depend on it
+    //   sheets    room to work in, kept from call to call by those who have many
+    void find_transmittances(ShadowRay* rays, std::uint32_t together, std::uint32_t count,
+                             const cloth::f32::ClothSettings& settings, std::vector<CrossedSheet>& sheets) const;
     float transmittance(glm::vec3 origin, glm::vec3 direction, float far,
                         const cloth::f32::ClothSettings& settings) const;
 

@@ -1,0 +1,140 @@
+// Rays that go together have the answers that they have alone, bit for bit: hits at edges that triangles share, light
+// through sheets of cloth. Catch2.
+#include <catch2/catch.hpp>
+
+#include <cstring>
+#include <filesystem>
+#include <fstream>
+#include <limits>
+#include <string>
+#include <unistd.h>
+#include <vector>
+
+#include "reference/rays.hpp"
+#include "reference/scene.hpp"
+
+using namespace selvedge;
+namespace f32 = cloth::f32;
+
+namespace
+{
+
+constexpr float infinity = std::numeric_limits<float>::infinity();
+
+std::uint32_t bits_of(float value)
+{
+    std::uint32_t bits;
+    std::memcpy(&bits, &value, sizeof bits);
+    return bits;
+}
+
+// A bumpy sheet of squares of two triangles each, above the plane z = 0, some of it flat.
+Scene bumpy_scene(int side)
+{
+    SceneObject object;
+    for (int y = 0; y <= side; ++y)
+        for (int x = 0; x <= side; ++x) {
+            const float z = x < side / 2 ? 0.0f : 0.125f * float((x * 7 + y * 3) % 4);
+            object.mesh.positions.push_back({float(x), float(y), z});
+            object.mesh.normals.push_back({0.0f, 0.0f, 1.0f});
+        }
+    for (int y = 0; y < side; ++y)
+        for (int x = 0; x < side; ++x) {
+            const unsigned a = unsigned(y * (side + 1) + x), b = a + unsigned(side) + 1u;
+            object.mesh.triangles.push_back({a, a + 1u, b + 1u});
+            object.mesh.triangles.push_back({a, b + 1u, b});
+        }
+    object.mesh.corner_tiles.assign(3 * object.mesh.triangles.size(), glm::vec2(0.0f));
+    object.mesh.tile_base.assign(object.mesh.triangles.size(), glm::ivec2(0));
+    Scene scene;
+    scene.objects.push_back(std::move(object));
+    return scene;
+}
+
+// Folds of a cloth with gaps, six times, and a ball between them.
+Scene hanging_cloth()
+{
+    const std::string path =
+        (std::filesystem::temp_directory_path() / ("selvedge-rays-" + std::to_string(getpid()) + ".json")).string();
+    std::string objects = R"({"shape": "sphere", "scale": 0.3, "translate": [0, 0.8, -0.4]})";
+    for (int k = 0; k < 6; ++k)
+        objects += R"(, {"shape": "curtain", "translate": [0.1, 0, )" + std::to_string(-0.3 * k) +
+                   R"(], "fabric": {"name": "gauze", "pattern": "plain 1/1", "resolution": 64,
+                                    "warp": {"width": 0.0003}, "weft": {"width": 0.0003}}})";
+    std::ofstream(path) << R"({"camera": {"position": [0, 1, 4], "target": [0, 1, 0], "fov": 40}, "objects": [)" +
+                               objects + "] }";
+    Scene scene = load_scene(path);
+    std::filesystem::remove(path);
+    return scene;
+}
+
+} // namespace
+
+TEST_CASE("rays that are traced together meet what they meet alone, at shared edges and corners too")
+{
+    const int side = 32;
+    const Scene scene = bumpy_scene(side);
+    const RayScene rays(scene);
+    // From one eye to corners, to middles of edges and diagonals, and to anywhere.
+    std::vector<PencilRay> pencil;
+    for (std::uint32_t k = 0; k < 40000; ++k) {
+        const glm::vec2 u = f32::cloth_random(5u, k, 0u);
+        const float grid = k % 4 == 3 ? 16777216.0f : k % 4 == 2 ? 4.0f : k % 4 == 1 ? 2.0f : 1.0f;
+        const glm::vec2 at = glm::floor(u * float(side) * grid) / grid;
+        const glm::vec3 eye = k % 8 < 4 ? glm::vec3(16.0f, 16.0f, 64.0f) : glm::vec3(at, 64.0f);
+        pencil.push_back({eye, glm::vec3(at, 0.0f) - eye, k % 5 == 0 ? 0.5f : 0.0f});
+    }
+    std::vector<RayHit> hits(pencil.size());
+    const std::uint32_t groups[] = {16, 128, 5, 1, 33};
+    int differ = 0, any = 0;
+    for (const std::uint32_t group : groups)
+        for (std::uint32_t first = 0; first < pencil.size(); first += group) {
+            const std::uint32_t count = std::min(group, std::uint32_t(pencil.size()) - first);
+            rays.closest_together(pencil.data() + first, count, hits.data() + first);
+            for (std::uint32_t k = first; k < first + count; ++k) {
+                const RayHit alone = rays.closest(pencil[k].origin, pencil[k].direction, pencil[k].near, infinity);
+                any += alone.any ? 1 : 0;
+                const bool same = alone.any == hits[k].any &&
+                                  (!alone.any || (alone.object == hits[k].object && alone.triangle == hits[k].triangle &&
+                                                  bits_of(alone.distance) == bits_of(hits[k].distance)));
+                differ += same ? 0 : 1;
+            }
+        }
+    CHECK(any > 190000); // of 200000
+    CHECK(differ == 0);
+}
+
+TEST_CASE("light through sheets of cloth does not depend on which rays go together")
+{
+    const Scene scene = hanging_cloth();
+    const RayScene rays(scene);
+    REQUIRE(rays.needs().filtered_objects > 0);
+    // From one lamp through all of them.
+    glm::vec3 low(1e30f), high(-1e30f);
+    for (const SceneObject& object : scene.objects)
+        for (const glm::vec3 p : object.mesh.positions)
+            low = glm::min(low, p), high = glm::max(high, p);
+    const glm::vec3 middle = 0.5f * (low + high), half = 0.5f * (high - low);
+    std::vector<ShadowRay> queries;
+    for (std::uint32_t k = 0; k < 20000; ++k) {
+        const glm::vec2 a = f32::cloth_random(9u, k, 0u), b = f32::cloth_random(9u, k, 1u);
+        const glm::vec3 target = middle + half * (glm::vec3(a.x, a.y, b.x) * 2.0f - 1.0f);
+        const glm::vec3 origin = middle + half * glm::vec3(0.3f, 0.2f, 1.5f);
+        queries.push_back({origin, (target - origin) * 4.0f, 1.0f, 0.0f});
+    }
+    std::vector<CrossedSheet> sheets;
+    std::vector<ShadowRay> together = queries;
+    const std::uint32_t count = 40;
+    for (std::uint32_t first = 0; first < together.size(); first += count)
+        rays.find_transmittances(together.data() + first, first % 80 == 0 ? count : 23, count, scene.model.settings,
+                                 sheets);
+    int differ = 0, partly = 0;
+    for (std::size_t k = 0; k < queries.size(); ++k) {
+        const float alone =
+            rays.transmittance(queries[k].origin, queries[k].direction, queries[k].far, scene.model.settings);
+        differ += bits_of(alone) != bits_of(together[k].transmittance) ? 1 : 0;
+        partly += alone > 0.0f && alone != 1.0f ? 1 : 0;
+    }
+    CHECK(partly > 500);
+    CHECK(differ == 0);
+}
