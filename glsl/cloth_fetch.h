@@ -8,7 +8,8 @@
 //   cloth_fetch_slope_mip  index into the concatenated mip levels 1, 2, ...
 //   cloth_fetch_environment  rgb radiance, w density over UV (mean 1)
 //   cloth_fetch_emitter    triangle of a shining object
-//   cloth_fetch_alias      x threshold as a 32-bit fraction, y the other texel (alias method, Walker 1977)
+//   cloth_fetch_inversion  of the environment: the texels of each row, then the rows. x where the share of the texels up to this
+//                          one ends, as a 32-bit fraction; y where to begin to look in this part of the fractions
 
 #ifdef __cplusplus
 
@@ -32,7 +33,7 @@ struct ClothLights {
     ivec2 environment_size       = ivec2(0, 0);
     const ClothLight* lights     = nullptr;
     const real4* environment     = nullptr;
-    const glm::uvec2* alias      = nullptr;
+    const glm::uvec2* inversion  = nullptr;
     const ClothEmitter* emitters = nullptr;
 };
 
@@ -72,9 +73,9 @@ inline real4 cloth_fetch_environment(const ClothLights& lights, ivec2 xy)
 {
     return lights.environment[xy.y * lights.environment_size.x + xy.x];
 }
-inline uvec2 cloth_fetch_alias(const ClothLights& lights, int texel)
+inline uvec2 cloth_fetch_inversion(const ClothLights& lights, int index)
 {
-    return lights.alias[texel];
+    return lights.inversion[index];
 }
 inline ClothEmitter cloth_fetch_emitter(const ClothLights& lights, int index)
 {
@@ -90,7 +91,7 @@ uniform samplerBuffer asg_table;       // RGBA32F, two records a texel
 uniform samplerBuffer yarn_table;      // RGBA32F, seven texels a yarn type
 uniform samplerBuffer light_table;     // RGBA32F, six texels a light
 uniform sampler2D environment_map;     // RGBA32F
-uniform usampler2D alias_map;          // RG32UI, as large as the environment
+uniform usampler2D inversion_map;      // RG32UI, as wide as the environment
 uniform usamplerBuffer emitter_table;  // RGBA32UI, three texels a triangle
 
 struct ClothMaps {
@@ -156,9 +157,9 @@ vec4 cloth_fetch_environment(ClothLights lights, ivec2 xy)
 {
     return texelFetch(environment_map, xy, 0);
 }
-uvec2 cloth_fetch_alias(ClothLights lights, int texel)
+uvec2 cloth_fetch_inversion(ClothLights lights, int index)
 {
-    return texelFetch(alias_map, ivec2(texel % lights.environment_size.x, texel / lights.environment_size.x), 0).xy;
+    return texelFetch(inversion_map, ivec2(index % lights.environment_size.x, index / lights.environment_size.x), 0).xy;
 }
 ClothEmitter cloth_fetch_emitter(ClothLights lights, int index)
 {

@@ -92,30 +92,54 @@ CLOTH_FN real4 cloth_environment(CLOTH_IN(ClothLights) lights, CLOTH_IN(ClothLig
     return cloth_environment_at(lights, light.radiance, texel, place - real2(real(texel.x), real(texel.y)), sqrt(d.x * d.x + d.z * d.z));
 }
 
-// The texel that random bits choose by the alias table, and the row of the table that they ask first.
-CLOTH_FN int cloth_environment_row(CLOTH_IN(ClothLights) lights, uvec2 bits)
+// Where random bits fall among `count` shares of the table that begin at `first`: the distribution inverted, so that points that
+// are stratified stay so. By a guide table the search begins where it ends or just before: two look-ups in the mean.
+//   source  Chen & Asau 1974, "On generating random variates from an empirical distribution"
+//   u       [0, 1), what 32 bits do not tell
+struct ClothInversion {
+    int at;
+    real within;   // where in the share, [0, 1)
+};
+
+CLOTH_FN int cloth_inversion_guide(int first, int count, uint bits)
 {
-    return int(cloth_multiply_high(bits.x, uint(lights.environment_size.x * lights.environment_size.y)));
+    return first + int(cloth_multiply_high(bits, uint(count)));
 }
 
-CLOTH_FN int cloth_environment_texel(CLOTH_IN(ClothLights) lights, uvec2 bits)
+CLOTH_FN ClothInversion cloth_invert(CLOTH_IN(ClothLights) lights, int first, int count, uint bits, real u)
 {
-    int row     = cloth_environment_row(lights, bits);
-    uvec2 alias = cloth_fetch_alias(lights, row);
-    return bits.y < alias.x ? row : int(alias.y);
+    int at   = int(cloth_fetch_inversion(lights, cloth_inversion_guide(first, count, bits)).y);
+    uint end = cloth_fetch_inversion(lights, first + at).x;
+    while (at + 1 < count && bits >= end) {
+        ++at;
+        end = cloth_fetch_inversion(lights, first + at).x;
+    }
+    uint begin = at > 0 ? cloth_fetch_inversion(lights, first + at - 1).x : 0u;
+    return ClothInversion(at, min((real(bits - begin) + u) / max(real(end - begin), real(1)), real(0.99999994)));
+}
+
+// Row of the environment, and column in a row.
+CLOTH_FN ClothInversion cloth_environment_row(CLOTH_IN(ClothLights) lights, uint bits, real u)
+{
+    return cloth_invert(lights, lights.environment_size.x * lights.environment_size.y, lights.environment_size.y, bits, u);
+}
+
+CLOTH_FN ClothInversion cloth_environment_column(CLOTH_IN(ClothLights) lights, int row, uint bits, real u)
+{
+    return cloth_invert(lights, row * lights.environment_size.x, lights.environment_size.x, bits, u);
 }
 
 // ---- the kinds ----------------------------------------------------------------------------------------------------------------
 
-// Samples a light from a point. u on the emitter; bits choose the environment's texel.
+// Samples a light from a point. u on the emitter; bits choose the place in the environment, or the triangle of a mesh.
 CLOTH_FN ClothLightSample cloth_light_sample(CLOTH_IN(ClothLights) lights, CLOTH_IN(ClothLight) light, real3 position, real2 u, uvec2 bits)
 {
     if (cloth_light_is(light, cloth_light_environment)) {
+        ClothInversion y = cloth_environment_row(lights, bits.y, u.y);
+        ClothInversion x = cloth_environment_column(lights, y.at, bits.x, u.x);
         ivec2 size = lights.environment_size;
-        int texel  = cloth_environment_texel(lights, bits);
-        int x = texel % size.x, y = texel / size.x;
-        real3 wi   = cloth_environment_direction(real2((real(x) + u.x) / real(size.x), (real(y) + u.y) / real(size.y)), light.shape.x);
-        real4 seen = cloth_environment_at(lights, light.radiance, ivec2(x, y), u, sqrt(wi.x * wi.x + wi.z * wi.z));
+        real3 wi   = cloth_environment_direction(real2((real(x.at) + x.within) / real(size.x), (real(y.at) + y.within) / real(size.y)), light.shape.x);
+        real4 seen = cloth_environment_at(lights, light.radiance, ivec2(x.at, y.at), real2(x.within, y.within), sqrt(wi.x * wi.x + wi.z * wi.z));
         wi         = normalize(wi);
         return ClothLightSample(wi, cloth_far, real3(seen.x, seen.y, seen.z), seen.w);
     }

@@ -1,4 +1,4 @@
-// Environment tables: cleaning, densities, alias method. Internal to the scene loader.
+// Environment tables: cleaning, densities, inverted distributions; the alias method. Internal to the scene loader.
 #include "reference/environment.hpp"
 
 #include <algorithm>
@@ -30,9 +30,30 @@ double row_measure(int y, int height)
 
 void build_table(Environment& environment, const std::vector<double>& probability)
 {
-    std::vector<double> scaled;
-    environment.alias = alias_table(probability, scaled);
-    for (std::size_t i = 0; i < scaled.size(); ++i) environment.texels[i].w = float(scaled[i]);
+    double total = 0.0;
+    for (const double p : probability) total += p;
+    for (std::size_t i = 0; i < probability.size(); ++i)
+        environment.texels[i].w = float(probability[i] * double(probability.size()) / total);
+    environment.inversion = inversion_table(probability, environment.size);
+}
+
+// Of `count` weights: where the share of each ends, and which to begin with for each 1 / count of the fractions.
+void fill_inversion(const double* weights, std::uint32_t count, glm::uvec2* table)
+{
+    double total = 0.0;
+    for (std::uint32_t k = 0; k < count; ++k) total += weights[k];
+    double sum = 0.0;
+    for (std::uint32_t k = 0; k < count; ++k) {
+        sum += weights[k];
+        const double end = k + 1 < count && total > 0.0 ? sum / total * 4294967296.0 : 4294967295.0;
+        table[k].x = std::uint32_t(std::min(end, 4294967295.0));
+    }
+    std::uint32_t at = 0;
+    for (std::uint32_t k = 0; k < count; ++k) {
+        const std::uint64_t lowest = ((std::uint64_t(k) << 32) + count - 1) / count; // bits of this part
+        while (at + 1 < count && table[at].x <= lowest) ++at;
+        table[k].y = at;
+    }
 }
 
 // Halves a picture in both directions; the rows of a latitude-longitude picture are averaged as they are.
@@ -53,6 +74,19 @@ std::vector<glm::vec4> halved(const std::vector<glm::vec4>& texels, glm::ivec2 s
 }
 
 } // namespace
+
+std::vector<glm::uvec2> inversion_table(const std::vector<double>& weights, glm::ivec2 size)
+{
+    const std::size_t w = std::size_t(size.x), h = std::size_t(size.y);
+    std::vector<glm::uvec2> table((h + (h + w - 1) / w) * w, glm::uvec2(0));
+    std::vector<double> rows(h, 0.0);
+    for (std::size_t y = 0; y < h; ++y) {
+        for (std::size_t x = 0; x < w; ++x) rows[y] += weights[y * w + x];
+        fill_inversion(weights.data() + y * w, std::uint32_t(w), table.data() + y * w);
+    }
+    fill_inversion(rows.data(), std::uint32_t(h), table.data() + w * h);
+    return table;
+}
 
 std::vector<glm::uvec2> alias_table(const std::vector<double>& weights, std::vector<double>& scaled)
 {

@@ -1,5 +1,5 @@
 // Environment light from a latitude-longitude picture or one colour: the table that cloth_fetch_environment and
-// cloth_fetch_alias read. The scene loader includes it; both renderers see only the result.
+// cloth_fetch_inversion read. The scene loader includes it; both renderers see only the result.
 #pragma once
 
 #include <string>
@@ -24,6 +24,10 @@ Environment constant_environment(glm::vec3 radiance);
 // bits are below x, for row y otherwise (Walker 1977, built as Vose 1991).
 //   scaled  filled with each weight over the mean of all
 std::vector<glm::uvec2> alias_table(const std::vector<double>& weights, std::vector<double>& scaled);
+
+// Cumulative distributions of weights (not all 0), ready to be inverted (cloth_invert): of the texels of each row, then
+// of the rows; filled up to whole rows with zeros.
+std::vector<glm::uvec2> inversion_table(const std::vector<double>& weights, glm::ivec2 size);
 
 // Mean luminance over the sphere: pi times it is the irradiance on a surface in the open.
 double mean_luminance(const Environment& environment);

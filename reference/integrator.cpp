@@ -125,6 +125,7 @@ struct Renderer::Batch {
     f32::ClothDirect light[2][batch_size];
     f32::ClothLightChoice choice[batch_size];
     std::uint32_t sky[batch_size];
+    int sky_row[batch_size];
     ShadowRay shadow_ray[2 * batch_size];
     std::vector<CrossedSheet> sheets;
     glm::vec3 first_light[2][batch_size];
@@ -376,14 +377,17 @@ void Renderer::add_direct_light(Batch& batch, Counters& counters) const
         if (!vertex.shading.matte)
             f32::cloth_prefetch_horizons(maps_[vertex.object], vertex.shading.selection.spot);
         if (!f32::cloth_light_is(batch.choice[lane].light, f32::cloth_light_environment)) continue;
-        __builtin_prefetch(lights_.alias + f32::cloth_environment_row(
-                                               lights_, f32::cloth_draw_bits(random, f32::cloth_dim_emitter)));
+        const glm::uvec2 bits = f32::cloth_draw_bits(random, f32::cloth_dim_emitter);
+        const int row = f32::cloth_environment_row(lights_, bits.y, 0.0f).at, width = lights_.environment_size.x;
+        __builtin_prefetch(lights_.inversion + f32::cloth_inversion_guide(row * width, width, bits.x));
+        batch.sky_row[skies] = row;
         batch.sky[skies++] = lane;
     }
     for (std::uint32_t k = 0; k < skies; ++k) {
         const glm::uvec2 bits = f32::cloth_draw_bits(batch.random(batch.sky[k]), f32::cloth_dim_emitter);
         const int width = lights_.environment_size.x, count = width * lights_.environment_size.y;
-        const int texel = f32::cloth_environment_texel(lights_, bits);
+        const int row = batch.sky_row[k];
+        const int texel = row * width + f32::cloth_environment_column(lights_, row, bits.x, 0.0f).at;
         for (const int at : {texel, std::max(texel - width, 0), std::min(texel + width, count - 1)})
             __builtin_prefetch(lights_.environment + at);
     }

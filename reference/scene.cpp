@@ -642,7 +642,7 @@ f32::ClothLights lights_of(const Scene& scene)
     lights.environment_size = scene.environment.size;
     lights.lights = scene.lights.data();
     lights.environment = scene.environment.texels.data();
-    lights.alias = scene.environment.alias.data();
+    lights.inversion = scene.environment.inversion.data();
     lights.emitters = scene.emitters.data();
     return lights;
 }

@@ -41,7 +41,7 @@ struct SceneObject {
 struct Environment {
     glm::ivec2 size{0, 0};         // 0: the scene has none
     std::vector<glm::vec4> texels; // rgb radiance, w density over UV (mean 1), as cloth_fetch_environment wants them
-    std::vector<glm::uvec2> alias; // alias table over the texels
+    std::vector<glm::uvec2> inversion; // inversion_table
 };
 
 // What the camera was made from; the window's orbit edits this and calls make_camera.

@@ -43,14 +43,14 @@ ROWS = read_rows()
 class Tables:
     """Maps of one fabric and the lights, in the words that the renderers keep. Texels are (h, w, 2) uint32; horizons (n, 2), as many
     as the largest kind of visibility asks for; yarns (n, 17) and lights (n, 19) are rows of numbers as shared_inputs.h reads them, and
-    so are emitters (n, 13); environment (h, w, 4), alias (h, w, 2); heights (w h) uint16, asg (n, 4), the same for both sides."""
+    so are emitters (n, 13); environment (h, w, 4), inversion as inversion_table makes it; heights (w h) uint16, asg (n, 4), the same for both sides."""
     texels: tuple
     horizons: tuple
     mips: tuple
     yarns: np.ndarray
     lights: np.ndarray
     environment: np.ndarray
-    alias: np.ndarray
+    inversion: np.ndarray
     heights: np.ndarray
     asg: np.ndarray
     emitters: np.ndarray
@@ -76,10 +76,26 @@ class Tables:
             put(self.yarns, "f4", 1)
             put(self.lights, "f4", 1)
             put(self.environment, "f4", 1)
-            put(self.alias, "u4", 2)
+            put(self.inversion, "u4", 2)
             put(self.heights, "u2", 1)
             put(self.asg, "f4", 1)
             put(self.emitters, "f4", 1)
+
+
+def inversion_table(density):
+    """Shares of the texels of each row of a density, then of the rows: where each ends as a 32-bit fraction, and for each part of the
+    fractions where to begin to look. Filled up to whole rows."""
+    def shares(weights):
+        n = len(weights)
+        ends = np.minimum(np.cumsum(weights) / weights.sum() * 2.0**32, 2**32 - 1).astype(np.uint64)
+        ends[-1] = 2**32 - 1
+        lowest = -((-np.arange(n, dtype=object) * 2**32) // n)   # bits of each part
+        return np.stack([ends, np.minimum(np.searchsorted(ends, lowest.astype(np.uint64), side="right"), n - 1)], -1).astype(np.uint32)
+    h, w = density.shape
+    table = np.zeros(((h + -(-h // w)) * w, 2), np.uint32)
+    table[:w * h] = np.concatenate([shares(row) for row in density])
+    table[w * h:w * h + h] = shares(density.sum(1))
+    return table.reshape(-1, w, 2)
 
 
 class CppEvaluator:
@@ -118,8 +134,8 @@ class GlslEvaluator:
                    7: gl_contexts.GL_R16UI, 8: gl_contexts.GL_RGBA32F, 9: gl_contexts.GL_RGBA32UI}
         for buffer, (unit, internal_format) in zip(self.bound, formats.items()):
             self.context.bind_buffer_texture(unit, internal_format, buffer)
-        for unit, (array, kind) in enumerate(((tables.environment, "f4"), (tables.alias, "u4")), 5):
-            texture = gl.texture(tables.environment_size, array.shape[2], np.ascontiguousarray(array, kind).tobytes(), dtype=kind)
+        for unit, (array, kind) in enumerate(((tables.environment, "f4"), (tables.inversion, "u4")), 5):
+            texture = gl.texture(array.shape[1::-1], array.shape[2], np.ascontiguousarray(array, kind).tobytes(), dtype=kind)
             texture.filter = (moderngl.NEAREST, moderngl.NEAREST)
             texture.use(unit)
             self.bound.append(texture)
@@ -138,7 +154,7 @@ class GlslEvaluator:
                 program = self.context.gl.compute_shader(source)
             except moderngl.Error as error:
                 raise AssertionError(shader_source.readable(str(error), files)) from None
-            for unit, name in enumerate(("map_words", "slope_words", "yarn_table", "light_table", "environment_map", "alias_map", "height_words", "asg_table", "emitter_table"), 1):
+            for unit, name in enumerate(("map_words", "slope_words", "yarn_table", "light_table", "environment_map", "inversion_map", "height_words", "asg_table", "emitter_table"), 1):
                 self.context.set_sampler(program, name, unit)
             self.programs[key] = program
         return self.programs[key]

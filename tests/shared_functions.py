@@ -151,11 +151,10 @@ def make_tables(seed=5, size=(24, 16)):
     sine = np.sin((np.arange(eh) + 0.5) / eh * np.pi)[:, None]
     density = environment[..., :3].sum(-1) * sine
     environment[..., 3] = density / density.mean()
-    alias = np.stack([rng.integers(0, 2**32, (eh, ew), dtype=np.uint64), rng.integers(0, ew * eh, (eh, ew), dtype=np.uint64)], -1)
     lights = np.concatenate([lights_of_kind(rng, 1, kind) for kind in range(7)])
     lights[:, 1] = [0.3, 0.1, 0.2, 0.1, 0.05, 0.15, 0.1]
     return evaluate.Tables(tuple(texels), (knots(), knots()), mips, yarns(rng, 3).astype("f4"), lights.astype("f4"),
-                           environment.astype("f4"), alias.astype(np.uint32), *relief(rng, size), EMITTERS)
+                           environment.astype("f4"), evaluate.inversion_table(environment[..., 3]), *relief(rng, size), EMITTERS)
 
 
 def relief(rng, size):
@@ -845,12 +844,16 @@ def _():
         kind, position, axis, radiance, e_u, e_v = xs[:, 0], xs[:, 2:5], xs[:, 5:8], xs[:, 8:11], xs[:, 11:14], xs[:, 14:17]
         at, u = xs[:, 19:22], xs[:, 22:24]
         h, w = IMAGE.shape[:2]
-        # environment: alias table of w h columns; a uniform column, then its threshold
+        # environment: the shares of the rows inverted, then those of the row's texels
         env = kind == 0
-        column = (word(xs, 24).astype(np.uint64) * np.uint64(w * h)) >> np.uint64(32)
-        flat = TABLES.alias.reshape(-1, 2)[column]
-        texel = np.where(word(xs, 26) >= flat[:, 0], flat[:, 1], column)
-        uv = np.c_[(texel % w + u[:, 0]) / w, (texel // w + u[:, 1]) / h]
+        ends = TABLES.inversion.reshape(-1, 2)[:, 0].astype(np.int64)
+        def invert(ends, bits, rest):   # ends of each sample's own shares
+            at = np.minimum((ends <= bits[:, None]).sum(1), ends.shape[1] - 1)
+            end, begin = (np.take_along_axis(np.c_[np.zeros(len(ends), np.int64), ends], at[:, None] + k, 1)[:, 0] for k in (1, 0))
+            return at, np.minimum((bits - begin + rest) / np.maximum(end - begin, 1), 1 - 2**-24)
+        row, v = invert(np.broadcast_to(ends[w * h:w * h + h], (len(xs), h)), word(xs, 26).astype(np.int64), u[:, 1])
+        column, u_in = invert(ends[:w * h].reshape(h, w)[row], word(xs, 24).astype(np.int64), u[:, 0])
+        uv = np.c_[(column + u_in) / w, (row + v) / h]
         d = oracle.unit(oracle.environment_direction(uv, xs[:, 17]))
         seen = oracle.environment(IMAGE, d, xs[:, 17], radiance)
         out[env] = np.c_[d, np.full(len(xs), 1e30), seen][env]

@@ -296,7 +296,7 @@ def test_environment_directions_come_back(call, precision, d, rotation):
 @SETTINGS
 @hypothesis.given(u=st.tuples(between(0.01, 0.99), between(0.01, 0.99)), bits=st.tuples(words, words), rotation=between(-7, 7))
 def test_a_sampled_texel_is_the_one_that_is_found(call, precision, u, bits, rotation):
-    """The alias table's texel, the direction in it and what a ray that way finds have one pdf and one radiance."""
+    """The texel that bits choose, the direction in it and what a ray that way finds have one pdf and one radiance."""
     light = np.r_[0, 1, np.zeros(6), 1, 1, 1, np.zeros(6), rotation, 0]
     sampled = call("light_sample", light, 0, 0, 0, u, bits)
     found = call("light_hit", light, 0, 0, 0, sampled[:3])

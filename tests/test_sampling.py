@@ -7,6 +7,7 @@ import pytest
 from scipy import stats
 
 import cloth_oracle as oracle
+import evaluate
 import shared_functions
 
 SAMPLES = 100_000
@@ -241,24 +242,9 @@ def test_no_point_gives_back_more_than_it_receives(alpha, thickness, build, eval
 
 # ---- lights ------------------------------------------------------------------------------------------------------------------------
 
-def alias_table(density):
-    """Walker's alias method (Vose 1991) for a density over texels with mean 1: threshold as a 32-bit fraction, other texel."""
-    p, n = density.ravel() / density.mean(), density.size
-    threshold, other = np.ones(n), np.arange(n)
-    small, large = [k for k in range(n) if p[k] < 1], [k for k in range(n) if p[k] >= 1]
-    p = p.copy()
-    while small and large:
-        s, l = small.pop(), large[-1]
-        threshold[s], other[s] = p[s], l
-        p[l] -= 1 - p[s]
-        if p[l] < 1:
-            small.append(large.pop())
-    return np.stack([np.minimum(threshold * 2**32, 2**32 - 1), other], -1).astype(np.uint32)
-
-
 def tables_with(environment):
-    alias = alias_table(environment[..., 3]).reshape(environment.shape[:2] + (2,))
-    return dataclasses.replace(shared_functions.TABLES, environment=environment.astype("f4"), alias=alias)
+    return dataclasses.replace(shared_functions.TABLES, environment=environment.astype("f4"),
+                               inversion=evaluate.inversion_table(environment[..., 3]))
 
 
 SKY = shared_functions.IMAGE.astype("f4").astype("f8")

@@ -204,16 +204,18 @@ void SceneBuffers::upload_lights(const Scene& scene)
     const glm::ivec2 size = none ? glm::ivec2(1) : environment.size;
     const glm::vec4 black(0);
     const glm::uvec2 itself(0);
-    const auto make = [&](GlName& texture, GLenum format, GLenum channels, GLenum type, const void* texels) {
+    const auto make = [&](GlName& texture, GLenum format, int height, GLenum channels, GLenum type,
+                          const void* texels) {
         if (!texture) texture = GlName(GlName::Kind::texture);
         gl.BindTexture(GL_TEXTURE_2D, *texture);
         gl.PixelStorei(GL_UNPACK_ALIGNMENT, 4);
-        gl.TexImage2D(GL_TEXTURE_2D, 0, static_cast<GLint>(format), size.x, size.y, 0, channels, type, texels);
+        gl.TexImage2D(GL_TEXTURE_2D, 0, static_cast<GLint>(format), size.x, height, 0, channels, type, texels);
         for (const GLenum filter : {GL_TEXTURE_MIN_FILTER, GL_TEXTURE_MAG_FILTER})
             gl.TexParameteri(GL_TEXTURE_2D, filter, GL_NEAREST);
     };
-    make(environment_map, GL_RGBA32F, GL_RGBA, GL_FLOAT, none ? &black : environment.texels.data());
-    make(alias_map, GL_RG32UI, GL_RG_INTEGER, GL_UNSIGNED_INT, none ? &itself : environment.alias.data());
+    make(environment_map, GL_RGBA32F, size.y, GL_RGBA, GL_FLOAT, none ? &black : environment.texels.data());
+    make(inversion_map, GL_RG32UI, none ? 1 : int(environment.inversion.size()) / size.x, GL_RG_INTEGER,
+         GL_UNSIGNED_INT, none ? &itself : environment.inversion.data());
     check_gl("environment");
 }
 
@@ -250,7 +252,7 @@ void SceneBuffers::bind_textures() const
         {"emitter_table", &emitter_table}, {"bvh_nodes", &bvh_nodes},           {"bvh_triangles", &bvh_triangles}};
     for (const auto& [name, table] : tables) bind(name, GL_TEXTURE_BUFFER, table->texture());
     bind("environment_map", GL_TEXTURE_2D, *environment_map);
-    bind("alias_map", GL_TEXTURE_2D, *alias_map);
+    bind("inversion_map", GL_TEXTURE_2D, *inversion_map);
     gl.ActiveTexture(GL_TEXTURE0);
 }
 

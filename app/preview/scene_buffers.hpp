@@ -47,7 +47,7 @@ class SceneBuffers
     std::vector<Object> objects;
     BufferTexture map_words, slope_words, height_words, asg_table, tile_bases, yarn_table, light_table, triangle_table,
         object_table, emitter_table, bvh_nodes, bvh_triangles;
-    GlName environment_map, alias_map;
+    GlName environment_map, inversion_map;
 };
 
 } // namespace selvedge

@@ -115,7 +115,7 @@ inline constexpr Binding texture_units[] = {
     {"yarn_table", 2},
     {"light_table", 3},
     {"environment_map", 4},
-    {"alias_map", 5},
+    {"inversion_map", 5},
     {"triangle_table", 6},
     {"object_table", 7},
     {"bvh_nodes", 8},

@@ -63,8 +63,8 @@ def read_tables():
     horizons = tuple(take("u4", 2) for _ in range(2))
     mips = tuple(take("u4") for _ in range(2))
     yarns, lights = take("f4").reshape(-1, 17), take("f4").reshape(-1, 19)
-    environment, alias = take("f4").reshape(eh, ew, 4), take("u4", 2).reshape(eh, ew, 2)
-    return evaluate.Tables(texels, horizons, mips, yarns, lights, environment, alias, take("u2"), take("f4").reshape(-1, 4),
+    environment, inversion = take("f4").reshape(eh, ew, 4), take("u4", 2).reshape(-1, ew, 2)
+    return evaluate.Tables(texels, horizons, mips, yarns, lights, environment, inversion, take("u2"), take("f4").reshape(-1, 4),
                            take("f4").reshape(-1, 13))
 
 

@@ -37,7 +37,7 @@ void read_tables(const char* path)
     read_items(file, tables.yarns);
     read_items(file, tables.lights);
     read_items(file, tables.environment);
-    read_items(file, tables.alias);
+    read_items(file, tables.inversion);
     read_items(file, tables.heights);
     read_items(file, tables.asg);
     read_items(file, tables.emitters);

@@ -12,7 +12,7 @@
 // are the same for both sides, and empty where no row looks at them.
 struct RowTables {
     glm::ivec2 size{0}, environment_size{0};
-    std::vector<glm::uvec2> texels[2], horizons[2], alias;
+    std::vector<glm::uvec2> texels[2], horizons[2], inversion;
     std::vector<glm::uint> mips[2];
     std::vector<std::uint16_t> heights;
     std::vector<float> asg, yarns, lights, environment, emitters;
@@ -63,7 +63,7 @@ inline thread_local double* row_out;
         lights.environment_size = tables.environment_size;                                                             \
         lights.lights = light_table.data();                                                                            \
         lights.environment = environment_table.data();                                                                 \
-        lights.alias = tables.alias.data();                                                                            \
+        lights.inversion = tables.inversion.data();                                                                    \
         lights.emitters = emitter_table.data();                                                                        \
         return lights;                                                                                                 \
     }                                                                                                                  \

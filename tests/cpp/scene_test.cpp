@@ -67,6 +67,50 @@ double total_area(const Mesh& mesh)
 
 } // namespace
 
+TEST_CASE("the environment's table inverts its distribution, beside black rows and one very bright texel too")
+{
+    const glm::ivec2 size(37, 11);
+    std::vector<double> weights;
+    double total = 0.0;
+    for (int y = 0; y < size.y; ++y)
+        for (int x = 0; x < size.x; ++x) {
+            const double u = double(f32::cloth_random(7u, std::uint32_t(y * size.x + x), 0u).x);
+            weights.push_back(y == 4 || u < 0.2 ? 0.0 : y == 6 && x == 20 ? 65504.0 : u);
+            total += weights.back();
+        }
+    const std::vector<glm::uvec2> table = inversion_table(weights, size);
+    REQUIRE(table.size() % std::size_t(size.x) == 0);
+    f32::ClothLights lights;
+    lights.environment_size = size;
+    lights.inversion = table.data();
+
+    std::vector<double> share(weights.size(), 0.0); // of all pairs of bits, from where the texels' shares end
+    const auto end = [&](int first, int k) {
+        return k < 0 ? 0.0 : double(table[std::size_t(first + k)].x) / 4294967295.0;
+    };
+    for (int y = 0; y < size.y; ++y)
+        for (int x = 0; x < size.x; ++x)
+            share[std::size_t(y * size.x + x)] =
+                (end(size.x * size.y, y) - end(size.x * size.y, y - 1)) * (end(y * size.x, x) - end(y * size.x, x - 1));
+    for (std::size_t k = 0; k < weights.size(); ++k) REQUIRE(std::abs(share[k] - weights[k] / total) < 1e-9);
+
+    // From the guide on it arrives where a search from the first texel does, and more bits lead further on.
+    float before = -1.0f;
+    for (std::uint32_t k = 0; k < 4096; ++k) {
+        const std::uint32_t bits = k << 20 | (k * 255u & 0xfffffu);
+        int slow = 0;
+        while (slow + 1 < size.x && bits >= table[std::size_t(3 * size.x + slow)].x) ++slow;
+        const f32::ClothInversion found = f32::cloth_environment_column(lights, 3, bits, 0.5f);
+        REQUIRE(found.at == slow);
+        REQUIRE(found.within >= 0.0f);
+        REQUIRE(found.within < 1.0f);
+        REQUIRE(float(found.at) + found.within >= before);
+        before = float(found.at) + found.within;
+        REQUIRE(weights[std::size_t(3 * size.x + found.at)] > 0.0);
+        REQUIRE(f32::cloth_environment_row(lights, bits, 0.5f).at != 4);
+    }
+}
+
 TEST_CASE("a constant environment is sampled uniformly in solid angle", "[scene][environment]")
 {
     Scene scene;

@@ -978,8 +978,13 @@ RowTables make_tables()
             for (int c = 0; c < 3; ++c) t.environment.push_back(static_cast<float>(radiance[c]));
             t.environment.push_back(0);
             density.push_back((radiance.x + radiance.y + radiance.z) * std::sin((y + 0.5) / t.environment_size.y * pi));
-            t.alias.push_back({static_cast<std::uint32_t>(draw.bits()),
-                               static_cast<std::uint32_t>(draw.whole(t.environment_size.x * t.environment_size.y))});
+        }
+    // Equal shares: rows of texels, then the rows, in as many texels as fill a row.
+    for (int y = 0; y <= t.environment_size.y; ++y)
+        for (int x = 0; x < t.environment_size.x; ++x) {
+            const int count = y < t.environment_size.y ? t.environment_size.x : t.environment_size.y;
+            t.inversion.push_back({static_cast<std::uint32_t>((std::uint64_t(x + 1) << 32) / std::uint64_t(count) - 1),
+                                   static_cast<std::uint32_t>(x)});
         }
     double mean = 0;
     for (const double d : density) mean += d / static_cast<double>(density.size());

@@ -304,7 +304,7 @@ void write_tables()
     write(t.yarns);
     write(t.lights);
     write(t.environment);
-    write(t.alias);
+    write(t.inversion);
     write(t.heights);
     write(t.asg);
     write(t.emitters);
