@@ -135,13 +135,16 @@ struct ClothLightChoice {
 CLOTH_FN ClothLightChoice cloth_choose_light(CLOTH_IN(ClothLights) lights, real u)
 {
     int chosen = 0;
-    real below = real(0), pmf = cloth_fetch_light(lights, 0).pmf;
+    // The only light is certain, and that need not be fetched.
+    real below = real(0), pmf = lights.count == 1 ? real(1) : cloth_fetch_light(lights, 0).pmf;
     while (chosen + 1 < lights.count && u >= below + pmf) {
         below += pmf;
         ++chosen;
         pmf = cloth_fetch_light(lights, chosen).pmf;
     }
-    return ClothLightChoice(cloth_fetch_light(lights, chosen), clamp((u - below) / pmf, real(0), real(0.99999994)));
+    ClothLight light = cloth_fetch_light(lights, chosen);
+    light.pmf = pmf;
+    return ClothLightChoice(light, clamp((u - below) / pmf, real(0), real(0.99999994)));
 }
 
 // Whether BSDF sampling finds a chosen light with profit, too.
@@ -181,18 +184,30 @@ CLOTH_FN ClothDirect cloth_direct_by(CLOTH_IN(ClothLights) lights, CLOTH_IN(Clot
     return ClothDirect(true, seen.wi, seen.distance, value / (pdf * choice.light.pmf));
 }
 
-// One sample of direct light: one light, one strategy, at most one shadow ray. lights.count may be 0.
+// One sample of direct light: one light, at most one shadow ray. Where the light has two strategies both are tried, and one of
+// the two is kept, with a probability in proportion to what it brings if nothing is in the way: where nothing is, that is as good
+// as both (resampled importance sampling: Talbot, Cline & Egbert 2005). lights.count may be 0.
 //   maps  of the fabric that the shading was chosen from; anything where it is matte
 CLOTH_FN ClothDirect cloth_direct(CLOTH_IN(ClothLights) lights, CLOTH_IN(ClothMaps) maps, CLOTH_IN(ClothSurface) surface,
                                   CLOTH_IN(ClothShading) shading, ClothSettings settings, ClothRandom random)
 {
-    if (lights.count == 0) return ClothDirect(false, surface.normal_g, cloth_far, real3(real(0)));
-    real2 u_light           = cloth_draw(random, cloth_dim_light);
-    ClothLightChoice choice = cloth_choose_light(lights, u_light.x);
-    bool both     = cloth_light_has_two_ways(choice.light, shading);
-    bool use_bsdf = both && choice.u < real(0.5);
-    return cloth_direct_by(lights, maps, surface, shading, settings, random, choice, use_bsdf, both ? real(0.5) : real(0),
-                           real2(u_light.y, choice.u * real(2)));
+    ClothDirect kept = ClothDirect(false, surface.normal_g, cloth_far, real3(real(0)));
+    if (lights.count == 0) return kept;
+    ClothLightChoice choice = cloth_choose_light(lights, cloth_draw(random, cloth_dim_light).x);
+    bool both    = cloth_light_has_two_ways(choice.light, shading);
+    real2 u_lobe = both ? cloth_draw(random, cloth_dim_lobe) : real2(real(0));
+    real total = real(0), share = real(0);
+    for (int way = 0; way < (both ? 2 : 1); ++way) {
+        ClothDirect tried = cloth_direct_by(lights, maps, surface, shading, settings, random, choice, way == 1, both ? real(1) : real(0), u_lobe);
+        real brings = tried.any ? cloth_luminance(tried.value) : real(0);
+        total += brings;
+        if (brings > real(0) && (way == 0 || choice.u * total < brings)) {   // said so that compilers see where there is no choice
+            kept  = tried;
+            share = brings;
+        }
+    }
+    if (both && kept.any) kept.value = kept.value * (total / share);
+    return kept;
 }
 
 // Radiance of the environment behind everything, 0 where there is none or it is hidden from the camera.
