@@ -82,6 +82,18 @@ double quantile(std::vector<double> values, double q)
     return values[static_cast<std::size_t>(rank)];
 }
 
+// What --spp asks for. The samples of a frame share the place in their pixel and cost less than those of other frames;
+// where light has little noise, that of edges counts. So there are about as many frames as samples in one. They share the
+// point of the lens as well, of which what is out of focus needs many.
+void spread_samples(LookdevOptions& options, const CameraSpec& camera)
+{
+    const std::uint32_t samples_limit = camera.lens_radius > 0 ? 1 : 32; // of 32 a frame's own cost is small beside theirs
+    std::uint32_t samples = 1;
+    while (samples < samples_limit && 4 * samples * samples <= options.spp) samples *= 2;
+    options.footprint_samples = static_cast<int>(samples);
+    options.frames = (options.spp + samples - 1) / samples;
+}
+
 // Blocks are as long as the number of frames allows, at least 16 of them; where the error ends the work,
 // adaptive_planned() does.
 //   in_time  frames that the time allows; 0: nobody knows
@@ -89,7 +101,11 @@ std::uint32_t planned_frames(const LookdevOptions& options, std::uint32_t in_tim
 {
     const std::uint32_t frames =
         options.frames > 0 && in_time > 0 ? std::min(options.frames, in_time) : std::max(options.frames, in_time);
-    return options.target_error > 0 ? adaptive_planned(frames) : frames;
+    if (options.target_error > 0) return adaptive_planned(frames);
+    // Places in the pixel are few where samples share them, and their stratification makes more of them: four in a block
+    // if there are four blocks.
+    if (options.spp > 0 && options.footprint_samples > 1) return std::max(frames, std::min(4 * frames, 64u));
+    return frames;
 }
 
 // Draws frames until one of the ends is reached, one at least. Returns which.
@@ -98,7 +114,7 @@ const char* draw_frames(Preview& preview, const LookdevOptions& options, Pace& p
     const Clock::time_point start = Clock::now();
     double last_line = 0;
     const char* stopped_by = "signal";
-    while (!interrupted) {
+    do {
         preview.draw_frame();
         pace.frame_drawn();
         if (context_lost()) throw std::runtime_error("the GL driver has lost the context; no picture is written");
@@ -127,7 +143,7 @@ const char* draw_frames(Preview& preview, const LookdevOptions& options, Pace& p
             stopped_by = "error";
             break;
         }
-    }
+    } while (!interrupted);
     pace.finish();
     if (progress) std::fprintf(stderr, "\r\33[K");
     return stopped_by;
@@ -135,10 +151,11 @@ const char* draw_frames(Preview& preview, const LookdevOptions& options, Pace& p
 
 } // namespace
 
-int run_headless(const LookdevOptions& options)
+int run_headless(LookdevOptions options)
 {
     Scene scene = load_scene(options.scene, options.overrides);
     if (options.resolution) scene.film.resolution = *options.resolution;
+    if (options.spp > 0) spread_samples(options, scene.camera);
     if (!options.quiet)
         for (const std::string& warning : scene.warnings)
             std::fprintf(stderr, "%s: warning: %s\n", program, warning.c_str());
@@ -151,16 +168,25 @@ int run_headless(const LookdevOptions& options)
     preview_options.max_depth = options.paths ? options.max_depth : 1;
     preview_options.kept = options.kept;
     preview_options.target_error = options.target_error;
-    preview_options.planned = planned_frames(options, 0); // where only the time is known, draw_frames() finds out
-    Preview preview(scene, context->info, scene.film.resolution, preview_options);
-    gl.Finish();
-    const double seconds_build = seconds_since(build_start);
-
+    preview_options.reproject = false; // nothing moves
+    preview_options.planned = 1;
     for (const int signal : {SIGINT, SIGTERM})
         std::signal(signal, [](int number) {
             interrupted = 1;
             std::signal(number, SIG_DFL); // a second one ends the program at once
         });
+    // The first frame compiles, in the driver as well: one of few pixels, which is not looked at. Drivers compile for sides
+    // that are powers of two by themselves.
+    const auto few = [](int side) { return (side & (side - 1)) == 0 ? 1 : 3; };
+    const glm::ivec2 size = scene.film.resolution;
+    Preview preview(scene, context->info, {few(size.x), few(size.y)}, preview_options);
+    preview.draw_frame();
+    preview.resize(size);
+    preview.restart();
+    preview.plan(planned_frames(options, 0)); // where only the time is known, draw_frames() finds out
+    gl.Finish();
+    const double seconds_build = seconds_since(build_start);
+
     const Clock::time_point start = Clock::now();
     Pace pace;
     const char* stopped_by = draw_frames(preview, options, pace, !options.quiet && isatty(STDERR_FILENO) == 1);
@@ -173,7 +199,7 @@ int run_headless(const LookdevOptions& options)
     metadata["selvedge:scene"] = options.scene;
     metadata["selvedge:scene_hash"] = scene.hash;
     metadata["selvedge:seed"] = std::to_string(options.seed);
-    metadata["selvedge:samples"] = std::to_string(preview.frames());
+    metadata["selvedge:samples"] = std::to_string(preview.frames() * static_cast<std::uint32_t>(options.footprint_samples));
     metadata["selvedge:seconds"] = format_text("%.9g", seconds_render);
     metadata["selvedge:integrator"] = integrator;
     metadata["selvedge:block_length"] = std::to_string(preview.block_length());

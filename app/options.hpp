@@ -32,7 +32,8 @@ struct LookdevOptions {
     // headless
     bool headless = false;
     std::vector<std::string> outputs;
-    std::uint32_t frames = 0; // 0: not given, likewise time and target_error
+    std::uint32_t frames = 0; // 0: not given, likewise spp, time and target_error
+    std::uint32_t spp = 0;
     double time_s = 0;
     double target_error = 0; // of the window, too
     Backend backend = Backend::automatic;
@@ -45,7 +46,7 @@ struct LookdevOptions {
 };
 
 // Both return the exit status.
-int run_headless(const LookdevOptions& options);
+int run_headless(LookdevOptions options);
 int run_window(const LookdevOptions& options);
 
 } // namespace selvedge

@@ -15,7 +15,7 @@ CLOTH_BLOCK(Frame) {
     vec4 camera_up;         // likewise, vertical
     vec4 lens;              // xy of this frame's point of the lens: what it adds to the view direction, in units of right and up
     vec4 film;              // xy resolution [px]; zw offset of this frame's samples from the pixel centres [px]
-    uvec4 random;           // x seed of the block of samples; y sample inside the block; z footprint samples a frame; w surfaces along a path, at most
+    uvec4 random;           // x seed of the block of samples; y first sample inside the block; z samples a frame; w surfaces along a path, at most
     ivec4 depth;            // x 1: depth range is [0, 1]
     ivec4 lights;           // x count; yz size of the environment; w nodes of the BVH
     ivec4 model;            // bsdf, weight, visibility, slab: where the shader does not have them as constants

@@ -18,10 +18,10 @@ const float mixed_limit = 8.0;
 // Whether the present frame shows the object in the pixel or beside it.
 bool is_near(ivec2 pixel, float object)
 {
-    ivec2 last = textureSize(id_map, 0) - 1;
+    ivec2 last = textureSize(seen_map, 0) - 1;
     for (int k = 0; k < 9; ++k) {
         ivec2 xy = clamp(pixel + ivec2(k % 3, k / 3) - 1, ivec2(0), last);
-        if (float(texelFetch(id_map, xy, 0).x) == object) return true;
+        if (float(texelFetch(seen_map, xy, 0).x) == object) return true;
     }
     return false;
 }

@@ -1,7 +1,7 @@
 // Where the thing is that a pixel of the present frame shows, for finding it again in another view. GLSL only; remember.frag and
 // carry.frag include it after scene_buffers.h.
 
-uniform usampler2D id_map;
+uniform usampler2D seen_map;
 
 struct ShownPlace {
     vec3 at;        // [m]; of the background: unit direction to it
@@ -11,7 +11,7 @@ struct ShownPlace {
 
 ShownPlace shown_place(ivec2 xy)
 {
-    uint object  = texelFetch(id_map, xy, 0).x, triangle = texelFetch(id_map, xy, 0).y;
+    uint object  = texelFetch(seen_map, xy, 0).x, triangle = texelFetch(seen_map, xy, 0).y;
     ClothRay ray = frame_ray(vec2(xy) + 0.5);
     if (object == 0u) return ShownPlace(normalize(ray.direction), 0.0, 0.0);
     ClothSurface surface = cloth_surface(fetch_triangle(fetch_object(int(object) - 1).first_triangle + int(triangle)), ray);

@@ -73,11 +73,11 @@ uint pixel_seed(vec2 pixel_centre)
     return cloth_hash_combine(frame.random.x, pixel.y * uint(frame.film.x) + pixel.x);
 }
 
-// Random numbers of one layer; attempt 0 is what the visibility pass and the shade pass agree on.
-ClothRandom layer_random(uint seed, int object, int triangle, uint attempt)
+// Random numbers of one layer for one sample of a pixel.
+ClothRandom layer_random(ClothRandom random, int object, int triangle)
 {
-    return ClothRandom(cloth_hash_combine(cloth_hash_combine(seed, uint(object)), uint(triangle)), frame.random.y,
-                       attempt * cloth_dims_per_vertex);
+    random.seed = cloth_hash_combine(cloth_hash_combine(random.seed, uint(object)), uint(triangle));
+    return random;
 }
 
 ClothFootprint footprint_on(SceneObject object, int triangle, ClothSurface surface)

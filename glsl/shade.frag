@@ -1,5 +1,7 @@
-// Root: radiance of this frame's sample of every pixel; the blend unit adds it to the sum of the block.
-//   FABRIC  objects with fabric   GAPS  fabrics with gaps   MATTE  objects without   FOOTPRINT  several points a frame
+// Root: radiance of this frame's samples of every pixel; the blend unit adds their mean to the sum of the block. The id map says what
+// stops a pixel's ray; or, where several samples share it, what it meets first, which some of them may pass.
+//   FABRIC  objects with fabric   GAPS  fabrics with gaps   MATTE  objects without   FOOTPRINT  several samples a frame
+//   LAYERS  samples walk from layer to layer: FOOTPRINT and GAPS
 //   CONVEX  nothing is in the way in front of a triangle   ONE_LIGHT  none has to be chosen
 //   EMITTERS  objects that shine   BOUNCES  paths of up to frame.random.w surfaces
 #include "interop.h"
@@ -10,16 +12,13 @@
 
 uniform usampler2D id_map;
 layout(location = 0) out vec4 colour;   // radiance, coverage
+layout(location = 1) out uvec2 seen;    // object + 1 and triangle that stopped the first sample's ray
 
-// Selections after the first are drawn from those that stop the ray, which is what the first one is known to have done.
-const uint attempts = 8u;
-
-#ifdef FOOTPRINT
-#define POINTS frame.random.z
+#ifdef LAYERS
+const bool stops = false;   // the visibility pass does not know what stops a ray
 #else
-#define POINTS 1u
+const bool stops = true;
 #endif
-
 bool is_matte(SceneObject object)
 {
 #if defined(MATTE) && defined(FABRIC)
@@ -76,9 +75,8 @@ vec3 bounced_light(SceneObject object, ClothSurface surface, ClothShading shadin
             surface = cloth_surface(fetch_triangle(object.first_triangle + hit.triangle), ray);
 #ifdef FABRIC
             if (!is_matte(object)) {
-                ClothRandom cloth = layer_random(random.seed, hit.object, hit.triangle, random.offset / cloth_dims_per_vertex);
                 ClothSelection selection = cloth_select(object.maps, surface.side, footprint_on(object, hit.triangle, surface), surface.wo,
-                                                        frame_settings(), cloth);
+                                                        frame_settings(), layer_random(random, hit.object, hit.triangle));
 #ifdef GAPS
                 passes = selection.passes;
 #endif
@@ -94,64 +92,124 @@ vec3 bounced_light(SceneObject object, ClothSurface surface, ClothShading shadin
 }
 #endif
 
+// What a ray meets.
+struct Met {
+    int index, triangle;
+    SceneObject object;
+    ClothSurface surface;
+};
+
+Met meet(int index, int triangle, ClothRay ray)
+{
+    SceneObject object = fetch_object(index);
+    return Met(index, triangle, object, cloth_surface(fetch_triangle(object.first_triangle + triangle), ray));
+}
+
+vec4 background(ClothRay ray)
+{
+    return vec4(cloth_background(frame_lights(), normalize(ray.direction)), 0.0);
+}
+
+// What stopped the ray of a sample sends back.
+vec3 radiance(Met met, ClothShading shading, ClothRandom random)
+{
+    vec3 sum = direct_light(met.object.maps, met.surface, shading, random);
+#ifdef BOUNCES
+    sum += bounced_light(met.object, met.surface, shading, random);
+#endif
+    // A sample that is not a number counts as 0, as in the reference: it would spoil its pixel for ever.
+    if (!(all(greaterThanEqual(sum, vec3(0.0))) && all(lessThan(sum, vec3(1e30))))) sum = vec3(0.0);
+#ifdef EMITTERS
+    if (met.object.light >= 0) sum += cloth_emitted(cloth_fetch_light(frame_lights(), met.object.light), met.surface.side);
+#endif
+    return sum;
+}
+
+// What a sample sees of what its ray meets.
+//   found   by the visibility pass: a point of it, see hand_over
+//   passes  gets whether the ray goes on; the rest is nothing then
+ClothShading shade(Met met, ClothRandom random, uvec2 found, out bool passes)
+{
+    passes = false;
+#ifdef FABRIC
+    if (!is_matte(met.object)) {
+        ClothFootprint footprint = footprint_on(met.object, met.triangle, met.surface);
+        vec2 u = cloth_draw(random, cloth_dim_pick);
+        ClothPlace place;
+#if defined(GAPS) && !defined(LAYERS)
+        if (handed_over(found)) place = take_over(found);
+        else
+#endif
+        place = cloth_find(met.object.maps, met.surface.side, footprint, met.surface.wo, frame_settings(), random, u.x);
+        ClothSelection selection = cloth_meet(met.object.maps, met.surface.side, footprint, place, met.surface.wo, frame_settings(), u.y, stops);
+        passes = !stops && selection.passes;
+        return cloth_shade_fabric(selection, frame_settings());
+    }
+#endif
+    return cloth_shade_plain(met.object.albedo, met.object.roughness);
+}
+
+#ifdef FOOTPRINT
+// All samples of a pixel in a frame have one ray, so that it is followed but once: from layer to layer, as long as a sample passes.
+//   first, count  of the samples
+//   met           the first layer
+vec4 sum_of(ClothRay ray, ClothRandom random, uint first, uint count, Met met)
+{
+    vec4 sum     = vec4(0.0);
+    uint walking = 0xffffffffu >> (32u - count);   // a bit for each sample that nothing has stopped yet
+    while (walking != 0u) {
+        uint passing = 0u;
+        for (uint left = walking; left != 0u; left &= left - 1u) {
+            uint n          = first + uint(findLSB(left));
+            ClothRandom own = layer_random(ClothRandom(random.seed, random.index + n, random.offset), met.index, met.triangle);
+            bool passes;
+            ClothShading shading = shade(met, own, uvec2(0u), passes);
+            if (passes) {
+                passing |= left & -left;
+            } else {
+                sum += vec4(radiance(met, shading, own), 1.0);
+                if (n == 0u) seen = uvec2(uint(met.index + 1), uint(met.triangle));
+            }
+        }
+        walking = passing;
+#ifdef LAYERS
+        if (walking != 0u) {
+            float distance = dot(met.surface.position - ray.origin, ray.direction) / dot(ray.direction, ray.direction);
+            Hit hit = closest(ray.origin, ray.direction, Hit(met.index, met.triangle, distance));
+            if (hit.object < 0) {
+                sum += background(ray) * float(bitCount(walking));
+                walking = 0u;
+            } else {
+                met = meet(hit.object, hit.triangle, ray);
+            }
+        }
+#endif
+    }
+    return sum;
+}
+#endif
+
 void main()
 {
     uvec4 id     = texelFetch(id_map, ivec2(gl_FragCoord.xy), 0);
     ClothRay ray = frame_ray(gl_FragCoord.xy);
     if (id.x == 0u) {
-        colour = vec4(cloth_background(frame_lights(), normalize(ray.direction)), 0.0);
+        seen   = uvec2(0u);
+        colour = background(ray);
         return;
     }
-    int object_index = int(id.x) - 1, triangle_index = int(id.y);
-    SceneObject object   = fetch_object(object_index);
-    ClothSurface surface = cloth_surface(fetch_triangle(object.first_triangle + triangle_index), ray);
-    uint seed = pixel_seed(gl_FragCoord.xy);
-    vec3 sum  = vec3(0.0);
-    ClothShading shading;
+    Met met = meet(int(id.x) - 1, int(id.y), ray);
+    ClothRandom random = ClothRandom(pixel_seed(gl_FragCoord.xy), frame.random.y, 0u);
 #ifdef FOOTPRINT
-    ClothSelection first;
-#endif
-    for (uint n = 0u; n < POINTS; ++n) {
-        ClothRandom random = layer_random(seed, object_index, triangle_index, n * attempts);
-#ifdef FABRIC
-        if (!is_matte(object)) {
-            ClothFootprint footprint = footprint_on(object, triangle_index, surface);
-            vec2 u = cloth_draw(random, cloth_dim_pick);
-            ClothPlace place;
-#ifdef GAPS
-            if (n == 0u && handed_over(id.zw)) place = take_over(id.zw);
-            else
-#endif
-            place = cloth_find(object.maps, surface.side, footprint, surface.wo, frame_settings(), random, u.x);
-#ifdef FOOTPRINT
-            bool stops = n == 0u;
+    seen     = uvec2(0u);
+    vec4 sum = vec4(0.0);
+    for (uint first = 0u; first < frame.random.z; first += 32u) sum += sum_of(ray, random, first, min(frame.random.z - first, 32u), met);
+    colour = sum / float(frame.random.z);
 #else
-            const bool stops = true;
+    bool passes;
+    random = layer_random(random, met.index, met.triangle);
+    ClothShading shading = shade(met, random, id.zw, passes);
+    seen   = id.xy;
+    colour = vec4(radiance(met, shading, random), 1.0);
 #endif
-            ClothSelection selection = cloth_meet(object.maps, surface.side, footprint, place, surface.wo, frame_settings(), u.y, stops);
-#if defined(GAPS) && defined(FOOTPRINT)
-            for (uint k = 1u; n > 0u && selection.passes && k < attempts; ++k)
-                selection = cloth_select(object.maps, surface.side, footprint, surface.wo, frame_settings(),
-                                         layer_random(seed, object_index, triangle_index, n * attempts + k));
-            if (selection.passes && n > 0u) selection = first;
-#endif
-#ifdef FOOTPRINT
-            if (n == 0u) first = selection;
-#endif
-            shading = cloth_shade_fabric(selection, frame_settings());
-        }
-#endif
-        if (is_matte(object)) shading = cloth_shade_plain(object.albedo, object.roughness);
-        sum += direct_light(object.maps, surface, shading, random);
-#ifdef BOUNCES
-        sum += bounced_light(object, surface, shading, random);
-#endif
-    }
-    // A sample that is not a number counts as 0, as in the reference: it would spoil its pixel for ever.
-    bool good = all(greaterThanEqual(sum, vec3(0.0))) && all(lessThan(sum, vec3(1e30)));
-    vec3 radiance = good ? sum / float(POINTS) : vec3(0.0);
-#ifdef EMITTERS
-    if (object.light >= 0) radiance += cloth_emitted(cloth_fetch_light(frame_lights(), object.light), surface.side);
-#endif
-    colour = vec4(radiance, 1.0);
 }

@@ -1,7 +1,8 @@
 // Rays against the scene's BVH in buffer textures. GLSL only; roots include it after scene_buffers.h.
 //   SHADOWS  something may be in the way of light   GAPS  what is in the way may let light through   BOUNCES  paths go on
+//   LAYERS  camera rays go on behind what they pass
 
-#if defined(SHADOWS) || defined(BOUNCES)
+#if defined(SHADOWS) || defined(BOUNCES) || defined(LAYERS)
 uniform usamplerBuffer bvh_nodes;       // RGBA32UI, two texels a node: low xyz, skip | high xyz, leaf: first * 8 + count, 0 inner
 uniform usamplerBuffer bvh_triangles;   // RGBA32UI, three texels a triangle, in leaf order: p0, object | e1, triangle | e2, gaps
 
@@ -23,15 +24,15 @@ bool goes_on(Walk walk)
     return walk.triangle < walk.end || walk.node < frame.lights.w;
 }
 
-// To the next leaf that the ray enters before `far`, unless the present one has triangles left.
-void find_leaf(inout Walk walk, float far)
+// To the next leaf that the ray is in between `near` and `far`, unless the present one has triangles left.
+void find_leaf(inout Walk walk, float near, float far)
 {
     // Nodes lie in depth-first order: the next one is the first child; a missed node says where its subtree ends.
     while (walk.triangle >= walk.end && walk.node < frame.lights.w) {
         uvec4 low = texelFetch(bvh_nodes, walk.node * 2), high = texelFetch(bvh_nodes, walk.node * 2 + 1);
         vec3 t0 = (uintBitsToFloat(low.xyz) - walk.origin) * walk.inverse, t1 = (uintBitsToFloat(high.xyz) - walk.origin) * walk.inverse;
         vec3 nearer = min(t0, t1), further = max(t0, t1);
-        float enter = max(max(nearer.x, nearer.y), max(nearer.z, 0.0)), leave = min(min(further.x, further.y), min(further.z, far));
+        float enter = max(max(nearer.x, nearer.y), max(nearer.z, near)), leave = min(min(further.x, further.y), min(further.z, far));
         bool inside = enter <= leave * 1.0000004;
         bool leaf   = inside && high.w != 0u;
         walk.triangle = leaf ? int(high.w >> 3u) : walk.triangle;
@@ -63,20 +64,20 @@ bool is_between(vec3 t, float near, float far)
 }
 #endif
 
-#ifdef BOUNCES
+#if defined(BOUNCES) || defined(LAYERS)
 struct Hit {
     int object;      // -1: none
     int triangle;
     float distance;
 };
 
-// The nearest triangle beyond a hit that the ray (unit) has passed: Hit(-1, -1, 0.0) at its start. A triangle is not met twice.
+// The nearest triangle beyond a hit that the ray has passed, distances in lengths of its direction: Hit(-1, -1, 0.0) at its start. A triangle is not met twice.
 Hit closest(vec3 origin, vec3 direction, Hit passed)
 {
     Hit hit   = Hit(-1, -1, cloth_far);
     Walk walk = begin_walk(origin, direction);
     while (goes_on(walk)) {
-        find_leaf(walk, hit.distance);
+        find_leaf(walk, passed.distance, hit.distance);
         while (walk.triangle < walk.end) {
             uvec3 at;
             vec3 t = next_triangle(walk, at);
@@ -110,7 +111,7 @@ float transmittance(vec3 origin, vec3 direction, float distance)
         vec2 b   = vec2(0.0);
         uvec3 at = uvec3(0u);
         while (!hit && goes_on(walk)) {
-            find_leaf(walk, distance);
+            find_leaf(walk, 0.0, distance);
             while (walk.triangle < walk.end && !hit) {
                 vec3 t = next_triangle(walk, at);
                 hit    = is_between(t, 0.0, distance);

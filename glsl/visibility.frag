@@ -1,4 +1,4 @@
-// Root: which triangle each pixel of this frame sees. GAPS: the object's fabric has gaps, and fragments whose selection
+// Root: which triangle each pixel of this frame sees; where several samples share its ray, the first that it meets. GAPS: the object's fabric has gaps, and fragments whose selection
 // passes are thrown away, so that the nearest layer that stops the ray remains, whatever the order of drawing.
 #include "interop.h"
 #ifdef GAPS
@@ -15,7 +15,7 @@ void main()
 #ifdef GAPS
     SceneObject object   = fetch_object(object_index);
     ClothSurface surface = cloth_surface(fetch_triangle(object.first_triangle + gl_PrimitiveID), frame_ray(gl_FragCoord.xy));
-    ClothRandom random   = layer_random(pixel_seed(gl_FragCoord.xy), object_index, gl_PrimitiveID, 0u);
+    ClothRandom random   = layer_random(ClothRandom(pixel_seed(gl_FragCoord.xy), frame.random.y, 0u), object_index, gl_PrimitiveID);
     ClothFootprint footprint = footprint_on(object, gl_PrimitiveID, surface);
     vec2 u               = cloth_draw(random, cloth_dim_pick);
     ClothPlace place     = cloth_find(object.maps, surface.side, footprint, surface.wo, frame_settings(), random, u.x);

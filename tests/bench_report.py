@@ -161,7 +161,7 @@ Every ratio compares two things measured in the same run. *Runs* is the number o
 METHODS = {
     "error-time": """\
 Seconds that each renderer takes to a given error, `direct` lighting, on the same scene at the same resolution. Each point is a
-render of its own from the first sample on, with a seed of its own; the seconds are the program's `seconds.render`, which leaves out
+render of its own from the first sample on, with a seed of its own (`--spp` in both: the preview draws frames of up to 32 samples); the seconds are the program's `seconds.render`, which leaves out
 loading, baking, building the BVH and compiling shaders. The error is relMSE, mean of (a-b)²/(b²+0.01), against a long render by the
 reference with another seed, less the part that this long render's own variance layer accounts for; so the figure is that against the
 noiseless image. Passes over all sample counts are repeated, preview and reference in turn; line: median, band: lowest and highest.

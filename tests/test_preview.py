@@ -103,9 +103,24 @@ def test_more_footprint_samples_make_less_noise_and_the_same_mean(tmp_path):
                         "--footprint-samples", count, "--seed", count)
         assert report["footprint_samples"] == count and ("FOOTPRINT" in report["features"]) == (count > 1)
         noise.append(report["error_estimate"])
-    # Which layer is seen and where in the pixel is one draw for all four, so that a part of the noise remains.
-    assert noise[1] < 0.6 * noise[0]
+    # Where in the pixel is one draw for all four, all else is each one's own.
+    assert noise[1] < 0.32 * noise[0]
     assert_same_mean(tmp_path / "1.exr", tmp_path / "4.exr")
+
+
+@pytest.mark.parametrize("spp, frames, samples, length", [(3, 3, 1, 1), (64, 8, 8, 2), (300, 19, 16, 4)])
+def test_samples_a_pixel_are_spread_over_frames(tmp_path, spp, frames, samples, length):
+    """--spp: few frames of many samples, at least as many as asked for, that are worth nearly as much as frames of one."""
+    report = render(SCENES / "layers.json", tmp_path / "few.exr", "--spp", spp, "--resolution", "64,64")
+    assert (report["frames"], report["footprint_samples"], report["block_length"]) == (frames, samples, length)
+    assert report["spp_mean"] == frames * samples >= spp and report["samples"] == 64 * 64 * frames * samples
+    assert (read(tmp_path / "few.exr")[0]["samples"] == frames * samples).all()
+    if spp < 300:
+        return
+    one = render(SCENES / "layers.json", tmp_path / "one.exr", "--frames", frames * samples, "--resolution", "64,64", "--seed", 1)
+    # 19 places in the pixel instead of 304: 17 % more when this was written.
+    assert report["error_estimate"] < 1.3 * one["error_estimate"]
+    assert_same_mean(tmp_path / "few.exr", tmp_path / "one.exr")
 
 
 def test_many_blocks_lose_nothing(tmp_path, sphere):
@@ -184,12 +199,12 @@ def test_a_shader_error_names_file_and_line(tmp_path, sphere):
     ["--no-such-option"], ["--frames", "0"], ["--frames", "-1"], ["--frames", "nan"], ["--frames", "two"], ["--time", "nan"],
     ["--time", "-1"], ["--target-error", "0"], ["--resolution", "0,5"], ["--resolution", "64"], ["--resolution", "64,64x"],
     ["--resolution", "99999,1"], ["--backend", "glx"], ["--max-depth", "0"], ["--integrator", "foo"], ["--bsdf", "macro"],
-    ["--mode", "theirs"], ["--visibility", "shadows"], ["--footprint-samples", "0"], ["--seed", "-1"], ["--exit-after-frames", "3"],
+    ["--mode", "theirs"], ["--visibility", "shadows"], ["--footprint-samples", "0"], ["--spp", "0"], ["--spp", "8", "--frames", "8"], ["--spp", "8", "--footprint-samples", "2"], ["--seed", "-1"], ["--exit-after-frames", "3"],
     ["-o", "a.jpg"],
 ], ids="=".join)
 def test_wrong_use_is_refused(tmp_path, sphere, arguments):
     out = tmp_path / "a.exr"
-    stop = [] if arguments[0] in ("--frames", "--time", "--target-error") else ["--frames", "1"]
+    stop = [] if arguments[0] in ("--frames", "--spp", "--time", "--target-error") else ["--frames", "1"]
     output = [] if arguments[0] == "-o" else ["-o", out]
     done = lookdev(sphere, "--headless", *output, *stop, *arguments, status=2)
     assert done.stderr.startswith("selvedge-lookdev: ") and done.stderr.count("\n") == 1 and done.stdout == "", done.stderr

@@ -225,6 +225,7 @@ std::vector<std::string> Needs::defines() const
     const std::pair<const char*, bool> parts[] = {{"FABRIC", fabric},
                                                   {"GAPS", gaps},
                                                   {"FOOTPRINT", several_points},
+                                                  {"LAYERS", layers()},
                                                   {"MATTE", matte},
                                                   {"EMITTERS", emitters},
                                                   {"ONE_LIGHT", one_light},

@@ -46,7 +46,9 @@ struct Needs {
     // kept       names of skip_names() that are not to be left out
     static Needs of(const Scene& scene, const BlockingShape& shape, const CameraSpec& camera, int footprint_samples,
                     int max_depth, const std::set<std::string>& kept);
-    bool traces_rays() const { return shadows != ShadowNeed::none || bounces; }
+    // Samples that share a ray pass cloth or not, each by itself: the visibility pass cannot know.
+    bool layers() const { return gaps && several_points; }
+    bool traces_rays() const { return shadows != ShadowNeed::none || bounces || layers(); }
     // The definitions of the shaders: the model's, and all.
     std::vector<std::string> model_defines() const;
     std::vector<std::string> defines() const;

@@ -4,8 +4,16 @@
 #include <algorithm>
 #include <cmath>
 
+#include <chrono>
+#include <cstdio>
+#include <cstdlib>
 namespace selvedge
 {
+struct Split { double t[8] = {}; int n = 0; std::chrono::steady_clock::time_point last;
+ const bool on = std::getenv("SPLIT") != nullptr;
+ void start() { if (!on) return; gl.Finish(); last = std::chrono::steady_clock::now(); }
+ void mark(int k) { if (!on) return; gl.Finish(); auto now = std::chrono::steady_clock::now(); if (n > 2) t[k] += std::chrono::duration<double, std::milli>(now - last).count(); last = now; }
+ ~Split() { if (on) std::fprintf(stderr, "split ms a frame: set %.3f visibility %.3f shade %.3f merge %.3f\n", t[0]/(n-3), t[1]/(n-3), t[2]/(n-3), t[3]/(n-3)); } } split;
 
 using namespace cloth::f32;
 
@@ -57,6 +65,7 @@ void Preview::resize(glm::ivec2 resolution)
     targets.resize(resolution, options.target_error > 0, info);
     has_carried = false;
     frame_count = block_count = 0;
+    update_near_plane();
     begin_again();
 }
 
@@ -173,8 +182,9 @@ std::size_t Preview::tiles_done() const
 std::uint64_t Preview::samples() const
 {
     const glm::ivec2 size = targets.size(), count = targets.tiles();
+    const auto points = static_cast<std::uint64_t>(options.footprint_samples);
     if (stale || tiles.empty())
-        return std::uint64_t{frames()} * static_cast<std::uint64_t>(size.x) * static_cast<std::uint64_t>(size.y);
+        return points * frames() * static_cast<std::uint64_t>(size.x) * static_cast<std::uint64_t>(size.y);
     std::uint64_t sum = 0;
     for (int y = 0; y < count.y; ++y)
         for (int x = 0; x < count.x; ++x) {
@@ -182,7 +192,7 @@ std::uint64_t Preview::samples() const
             sum += static_cast<std::uint64_t>(side.x * side.y) *
                    samples_of(tiles[static_cast<std::size_t>(y * count.x + x)]);
         }
-    return sum;
+    return points * sum;
 }
 
 void Preview::begin_again()
@@ -224,10 +234,12 @@ bool Preview::draw_frame()
         frame_count = block_count = 0;
         stale = false;
     }
+    split.start();
     const ClothCamera centre = make_camera(camera, targets.size());
     const std::uint32_t view_seed = view_count == 0 ? options.seed : cloth_hash_combine(options.seed, ~view_count);
     const std::uint32_t block_seed = cloth_hash_combine(view_seed, block_count);
     const std::uint32_t index = frame_count % length;
+    const auto points = static_cast<std::uint32_t>(options.footprint_samples);
     const glm::vec2 offset = cloth_filter_offset(scene.film.filter, cloth_random(block_seed, index, cloth_dim_pixel));
     // One point of the lens a frame.
     const ClothCamera eye = cloth_lens_camera(centre, lens_of(camera), cloth_random(block_seed, index, cloth_dim_lens));
@@ -240,7 +252,7 @@ bool Preview::draw_frame()
     frame.camera_right = glm::vec4(eye.right, 1 / glm::dot(eye.right, eye.right));
     frame.camera_up = glm::vec4(eye.up, 1 / glm::dot(eye.up, eye.up));
     frame.film = glm::vec4(eye.resolution, offset);
-    frame.random = glm::uvec4(block_seed, index, static_cast<std::uint32_t>(options.footprint_samples),
+    frame.random = glm::uvec4(block_seed, index * points, points,
                               static_cast<std::uint32_t>(options.max_depth));
     frame.depth = glm::ivec4(info.clip_control ? 1 : 0, 0, 0, 0);
     frame.lights = glm::ivec4(static_cast<int>(scene.lights.size()), scene.environment.size, buffers.node_count);
@@ -253,9 +265,13 @@ bool Preview::draw_frame()
     frame.past_up = glm::vec4(past.up, 1 / std::max(glm::dot(past.up, past.up), 1e-30f));
     passes.set_frame(frame);
     buffers.bind_textures();
+    split.mark(0);
     passes.visibility(targets, buffers);
+    split.mark(1);
     targets.bind_textures();
     passes.shade(targets, buffers);
+    split.mark(2);
+    split.n++;
     if (has_past && frame_count == 0) {
         passes.carry(targets, buffers);
         has_carried = true;
@@ -265,6 +281,7 @@ bool Preview::draw_frame()
         const int half = tiles.empty() ? 0 : static_cast<int>(block_count % 2);
         ++block_count;
         passes.merge(targets, half, length, blocks_of(half));
+        split.mark(3);
         if (!tiles.empty() && half == 1 && block_count / 2 >= pilot_blocks) judge();
     }
     return true;
@@ -285,7 +302,8 @@ PreviewImage Preview::read() const
     std::vector<glm::vec4> sum(pixels);
     image.mean.resize(pixels);
     image.variance.resize(pixels);
-    image.samples.assign(pixels, frame_count);
+    const auto points = static_cast<std::uint32_t>(options.footprint_samples);
+    image.samples.assign(pixels, points * frame_count);
     targets.read(Targets::Picture::sum, 0, &sum[0].x);
     targets.read(Targets::Picture::mean, 0, &image.mean[0].x);
     targets.read(Targets::Picture::spread, 0, &image.variance[0].x);
@@ -305,6 +323,7 @@ PreviewImage Preview::read() const
 PreviewImage Preview::read_tiled(PreviewImage image) const
 {
     const std::size_t pixels = image.mean.size();
+    const auto points = static_cast<std::uint32_t>(options.footprint_samples);
     std::vector<glm::vec4> mean[2], spread[2], kept(pixels), kept_noise(pixels);
     mean[0] = std::move(image.mean);
     spread[0] = std::move(image.variance);
@@ -320,7 +339,7 @@ PreviewImage Preview::read_tiled(PreviewImage image) const
     for (std::size_t k = 0; k < pixels; ++k) {
         const int x = static_cast<int>(k) % image.size.x, y = static_cast<int>(k) / image.size.x;
         const TileState& tile = tiles[static_cast<std::size_t>(y / tile_side * columns + x / tile_side)];
-        image.samples[k] = static_cast<std::uint32_t>(samples_of(tile));
+        image.samples[k] = static_cast<std::uint32_t>(samples_of(tile)) * points;
         glm::dvec4 sum(kept[k]), noise(glm::vec3(kept_noise[k]), 0);
         for (int half = 0; half < 2; ++half) {
             if (tile.kept[half] > 0) continue;

@@ -20,7 +20,7 @@ namespace selvedge
 
 struct PreviewOptions {
     std::uint32_t seed = 0;
-    int footprint_samples = 1;  // shaded points of each pixel in a frame, [1, 64]
+    int footprint_samples = 1;  // samples of each pixel in a frame, of one ray, [1, 64]
     int max_depth = 1;          // surfaces that scatter along a path, 1: direct light alone
     bool reproject = true;      // while the view moves, what earlier views showed is shown at its new place
     std::set<std::string> kept; // parts of skip_names() that are done whether the scene needs them or not
@@ -31,7 +31,7 @@ struct PreviewOptions {
 // The accumulated picture on the CPU: row 0 is the top row.
 struct PreviewImage {
     glm::ivec2 size{0};
-    std::uint32_t frames = 0;           // samples of a pixel, where none was skipped
+    std::uint32_t frames = 0;           // drawn, where none was skipped
     std::uint32_t blocks = 0;           // complete blocks
     std::vector<std::uint32_t> samples; // of each pixel
     std::vector<glm::vec4> mean;        // radiance and coverage, mean of all samples (of tiles: reference/adaptive.hpp)
@@ -102,7 +102,7 @@ class Preview
     void restart_tiles();
     void judge(); // after as many blocks of either half: which tiles end
     std::uint32_t blocks_of(int half) const;
-    std::uint64_t samples_of(const TileState& tile) const { return tile.done() ? tile.samples : frames(); }
+    std::uint64_t samples_of(const TileState& tile) const { return tile.done() ? tile.samples : frames(); } // frames of it
     PreviewImage read_tiled(PreviewImage image) const;
 
     const Scene& scene;

@@ -136,7 +136,7 @@ void SceneBuffers::upload_fabrics(const Scene& scene, const Needs& needs)
     for (std::size_t k = 0; k < scene.objects.size(); ++k) {
         const SceneObject& object = scene.objects[k];
         const bool gaps = lets_rays_through(scene, object);
-        (gaps ? gauze : opaque).push_back(k);
+        (gaps && !needs.layers() ? gauze : opaque).push_back(k);
         glm::uvec4 albedo(word(object.albedo.x), word(object.albedo.y), word(object.albedo.z), 0);
         if (object.fabric < 0) {
             albedo.w = word(object.roughness);

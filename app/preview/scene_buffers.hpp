@@ -31,7 +31,7 @@ class SceneBuffers
     GLsizei index_count(std::size_t index) const { return objects[index].index_count; }
     std::size_t bytes() const;
 
-    std::vector<std::size_t> opaque, gauze; // objects by whether rays may pass through
+    std::vector<std::size_t> opaque, gauze; // objects by whether the visibility pass lets rays through
     int node_count = 0;                     // of the BVH
 
     // Distance from a point to the nearest triangle [m]; large where there is none.

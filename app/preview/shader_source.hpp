@@ -138,6 +138,7 @@ inline constexpr Binding texture_units[] = {
     {"odd_spread_map", 17},
     {"kept_map", 18},
     {"kept_noise_map", 19},
+    {"seen_map", 20},
 };
 GLint texture_unit(const char* name);
 

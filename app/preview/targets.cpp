@@ -51,10 +51,11 @@ void Targets::resize(glm::ivec2 size, bool with_tiles, const GlInfo& info)
                                              size.y, info.renderer.c_str(), info.texture_limit));
     extent = glm::ivec2(0);
     ids = make_texture(GL_RGBA32UI, GL_RGBA_INTEGER, GL_UNSIGNED_INT, size);
+    seen = make_texture(GL_RG32UI, GL_RG_INTEGER, GL_UNSIGNED_INT, size);
     depth = make_texture(GL_DEPTH_COMPONENT32F, GL_DEPTH_COMPONENT, GL_FLOAT, size);
     sum = make_texture(GL_RGBA32F, GL_RGBA, GL_FLOAT, size);
     visibility_buffer = make_framebuffer({*ids}, *depth);
-    sum_buffer = make_framebuffer({*sum}, 0);
+    sum_buffer = make_framebuffer({*sum, *seen}, 0);
     blocks.clear();
     for (std::size_t k = 0; k < wanted_blocks; ++k) {
         Blocks& made = blocks.emplace_back();
@@ -214,7 +215,8 @@ void Targets::bind_textures(int half) const
     const Blocks& own = blocks[current[half]];
     const std::pair<const char*, GLuint> textures[] = {{"id_map", *ids},        {"block_sum", *sum},
                                                        {"mean_map", *own.mean}, {"spread_map", *own.spread},
-                                                       {"rest_map", *own.rest}, {"carried_map", *carried}};
+                                                       {"rest_map", *own.rest}, {"carried_map", *carried},
+                                                       {"seen_map", *seen}};
     for (const auto& [name, texture] : textures) bind_texture(name, texture);
     if (!kept) return;
     const Blocks& odd = blocks[current[1]];

@@ -35,7 +35,7 @@ class Targets
     void begin_visibility();  // binds identities and depth, cleared: 0, infinitely far
     void begin_uncover();     // likewise, not cleared but covered: nothing is drawn where depth is not set back
     void end_uncover();       // from now on what is nearer is drawn
-    void begin_shade();       // binds the sum; what is drawn is added
+    void begin_shade();       // binds the sum, to which what is drawn is added, and what stopped the rays
     void begin_merge();       // binds a mean, spread and rest that no half has
     void end_merge(int half); // gives them to the half
     void begin_keep();        // binds what finished tiles keep; what is drawn is added
@@ -58,7 +58,7 @@ class Targets
     };
 
     glm::ivec2 extent{0};
-    GlName ids, depth, sum;
+    GlName ids, depth, sum, seen; // seen: as ids, of what stopped the rays
     std::vector<Blocks> blocks;                 // of each half, in any order, and one to draw the next ones to
     std::size_t current[2] = {0, 0}, spare = 1; // index of each half's, and of the one to draw to
     GlName kept, kept_noise, tile_spread;       // nothing where tiles do not end by themselves

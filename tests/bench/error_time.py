@@ -20,7 +20,7 @@ TRUTH_SEED = 90001   # apart from those of the runs, 1, 2, ...
 LONG = {"resolution": 256, "truth_seconds": 150.0, "truth_spp": 65536, "series_seconds": 120.0, "passes": 7, "stop": 3e-4, "step": 2}
 SHORT = {"resolution": 96, "truth_seconds": 14.0, "truth_spp": 16384, "series_seconds": 18.0, "passes": 3, "stop": 7e-4, "step": 4}
 
-RENDERERS = {"preview": lambda scene, n: ("selvedge-lookdev", scene, "--headless", "--frames", n),
+RENDERERS = {"preview": lambda scene, n: ("selvedge-lookdev", scene, "--headless", "--spp", n),
              "reference": lambda scene, n: ("selvedge-render", scene, "--spp", n)}
 
 

@@ -9,10 +9,12 @@ uniform samplerBuffer triangle_table;
 uniform samplerBuffer light_table;
 uniform usamplerBuffer object_table;
 layout(location = 0) out vec4 colour;
+layout(location = 1) out uvec2 seen;
 
 void main()
 {
     uvec2 id = texelFetch(id_map, ivec2(gl_FragCoord.xy), 0).xy;
+    seen = id;
     if (id.x == 0u) {
         colour = vec4(0.0);
         return;
