@@ -83,10 +83,12 @@ LookdevOptions parse_options(int argc, char** argv, bool& done)
     app.add_option("-o,--output", options.outputs,
                    "headless: OUT.exr (all layers) or OUT.png (display transform); repeatable")
         ->allow_extra_args(false);
-    app.add_option("--frames", options.frames, "headless: stop after N frames (--footprint-samples samples of every pixel each)")
+    app.add_option("--frames", options.frames,
+                   "headless: stop after N frames (--footprint-samples samples of every pixel each)")
         ->check(between(1, 16777216));
-    app.add_option("--spp", options.spp,
-                   "headless: as --frames, but N samples of every pixel, in frames of up to 8: the quickest way to them")
+    app.add_option(
+           "--spp", options.spp,
+           "headless: as --frames, but N samples of every pixel, in frames of up to 8: the quickest way to them")
         ->check(between(1, 16777216));
     app.add_option("--time", options.time_s, "headless: stop after SECONDS of rendering")->check(between(1e-3, 1e9));
     app.add_option("--target-error", options.target_error,
@@ -145,15 +147,16 @@ LookdevOptions parse_options(int argc, char** argv, bool& done)
     options.paths = integrator == "path";
     model.prepend_to(options.overrides);
     if (options.spp > 0 && (options.frames > 0 || options.footprint_samples > 1))
-        throw UsageError("--spp says how many frames of how many samples there are, found --frames or --footprint-samples");
+        throw UsageError(
+            "--spp says how many frames of how many samples there are, found --frames or --footprint-samples");
     const bool stops = options.frames > 0 || options.spp > 0 || options.time_s > 0 || options.target_error > 0;
     if (options.headless) {
         if (options.outputs.empty()) throw UsageError("--headless without -o, expected OUT.exr or OUT.png");
         if (!stops) throw UsageError("--headless without an end, expected --frames, --spp, --time or --target-error");
         if (options.exit_after_frames > 0 || !options.screenshot.empty())
             throw UsageError("--exit-after-frames and --screenshot are for the window, found --headless");
-    } else if (options.frames > 0 || options.spp > 0 || options.time_s > 0 || !options.outputs.empty() || options.json ||
-               backend != "auto") {
+    } else if (options.frames > 0 || options.spp > 0 || options.time_s > 0 || !options.outputs.empty() ||
+               options.json || backend != "auto") {
         throw UsageError("-o, --frames, --spp, --time, --backend and --json need --headless");
     }
     for (const std::string& path : options.outputs) check_result_path(path);

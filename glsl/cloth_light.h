@@ -139,7 +139,9 @@ CLOTH_FN ClothLightSample cloth_light_sample(CLOTH_IN(ClothLights) lights, CLOTH
         ClothInversion x = cloth_environment_column(lights, y.at, bits.x, u.x);
         ivec2 size = lights.environment_size;
         real3 wi   = cloth_environment_direction(real2((real(x.at) + x.within) / real(size.x), (real(y.at) + y.within) / real(size.y)), light.shape.x);
-        real4 seen = cloth_environment_at(lights, light.radiance, ivec2(x.at, y.at), real2(x.within, y.within), sqrt(wi.x * wi.x + wi.z * wi.z));
+        // Rows from the nearer pole: close to the other one v no longer tells the angle.
+        real rows  = min(real(y.at) + y.within, real(size.y - 1 - y.at) + (real(1) - y.within));
+        real4 seen = cloth_environment_at(lights, light.radiance, ivec2(x.at, y.at), real2(x.within, y.within), sin(rows / real(size.y) * cloth_pi));
         wi         = normalize(wi);
         return ClothLightSample(wi, cloth_far, real3(seen.x, seen.y, seen.z), seen.w);
     }

@@ -370,12 +370,10 @@ void Renderer::add_direct_light(Batch& batch, Counters& counters) const
     for (std::uint32_t k = 0; k < batch.alive_count; ++k) {
         const std::uint32_t lane = batch.alive[k];
         const f32::ClothRandom random = batch.random(lane);
-        make_in(batch.choice[lane], [&] {
-            return f32::cloth_choose_light(lights_, f32::cloth_draw(random, f32::cloth_dim_light).x);
-        });
+        make_in(batch.choice[lane],
+                [&] { return f32::cloth_choose_light(lights_, f32::cloth_draw(random, f32::cloth_dim_light).x); });
         const Vertex& vertex = batch.vertex[lane];
-        if (!vertex.shading.matte)
-            f32::cloth_prefetch_horizons(maps_[vertex.object], vertex.shading.selection.spot);
+        if (!vertex.shading.matte) f32::cloth_prefetch_horizons(maps_[vertex.object], vertex.shading.selection.spot);
         if (!f32::cloth_light_is(batch.choice[lane].light, f32::cloth_light_environment)) continue;
         const glm::uvec2 bits = f32::cloth_draw_bits(random, f32::cloth_dim_emitter);
         const int row = f32::cloth_environment_row(lights_, bits.y, 0.0f).at, width = lights_.environment_size.x;

@@ -153,7 +153,7 @@ def test_trouble_is_drawn_as_the_reference_draws_it(tmp_path, name):
     sky = np.full((8, 16, 3), 0.1, "f4")
     sky[1, 3] = 65504
     OpenEXR.File({}, {"RGB": sky}).write(str(tmp_path / "peak.exr"))
-    a, b = pictures(tmp_path, "scene", {"camera": camera, "film": {}, "lights": lights, "objects": objects}, 512, 24)
+    a, b = pictures(tmp_path, "scene", {"camera": camera, "film": {}, "lights": lights, "objects": objects}, 1024, 24)
     for picture in (a, b):
         assert all(np.isfinite(picture[c]).all() and (picture[c] >= 0).all() for c in "RGB")
     z, bias, error = judge(a, b)

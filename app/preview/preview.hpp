@@ -102,7 +102,10 @@ class Preview
     void restart_tiles();
     void judge(); // after as many blocks of either half: which tiles end
     std::uint32_t blocks_of(int half) const;
-    std::uint64_t samples_of(const TileState& tile) const { return tile.done() ? tile.samples : frames(); } // frames of it
+    std::uint64_t samples_of(const TileState& tile) const
+    {
+        return tile.done() ? tile.samples : frames();
+    } // frames of it
     PreviewImage read_tiled(PreviewImage image) const;
 
     const Scene& scene;

@@ -213,10 +213,9 @@ void Targets::bind_past() const
 void Targets::bind_textures(int half) const
 {
     const Blocks& own = blocks[current[half]];
-    const std::pair<const char*, GLuint> textures[] = {{"id_map", *ids},        {"block_sum", *sum},
-                                                       {"mean_map", *own.mean}, {"spread_map", *own.spread},
-                                                       {"rest_map", *own.rest}, {"carried_map", *carried},
-                                                       {"seen_map", *seen}};
+    const std::pair<const char*, GLuint> textures[] = {
+        {"id_map", *ids},        {"block_sum", *sum},       {"mean_map", *own.mean}, {"spread_map", *own.spread},
+        {"rest_map", *own.rest}, {"carried_map", *carried}, {"seen_map", *seen}};
     for (const auto& [name, texture] : textures) bind_texture(name, texture);
     if (!kept) return;
     const Blocks& odd = blocks[current[1]];

@@ -58,7 +58,7 @@ class Targets
     };
 
     glm::ivec2 extent{0};
-    GlName ids, depth, sum, seen; // seen: as ids, of what stopped the rays
+    GlName ids, depth, sum, seen;               // seen: as ids, of what stopped the rays
     std::vector<Blocks> blocks;                 // of each half, in any order, and one to draw the next ones to
     std::size_t current[2] = {0, 0}, spare = 1; // index of each half's, and of the one to draw to
     GlName kept, kept_noise, tile_spread;       // nothing where tiles do not end by themselves

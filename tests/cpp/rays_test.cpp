@@ -94,9 +94,10 @@ TEST_CASE("rays that are traced together meet what they meet alone, at shared ed
             for (std::uint32_t k = first; k < first + count; ++k) {
                 const RayHit alone = rays.closest(pencil[k].origin, pencil[k].direction, pencil[k].near, infinity);
                 any += alone.any ? 1 : 0;
-                const bool same = alone.any == hits[k].any &&
-                                  (!alone.any || (alone.object == hits[k].object && alone.triangle == hits[k].triangle &&
-                                                  bits_of(alone.distance) == bits_of(hits[k].distance)));
+                const bool same =
+                    alone.any == hits[k].any &&
+                    (!alone.any || (alone.object == hits[k].object && alone.triangle == hits[k].triangle &&
+                                    bits_of(alone.distance) == bits_of(hits[k].distance)));
                 differ += same ? 0 : 1;
             }
         }
@@ -112,8 +113,7 @@ TEST_CASE("light through sheets of cloth does not depend on which rays go togeth
     // From one lamp through all of them.
     glm::vec3 low(1e30f), high(-1e30f);
     for (const SceneObject& object : scene.objects)
-        for (const glm::vec3 p : object.mesh.positions)
-            low = glm::min(low, p), high = glm::max(high, p);
+        for (const glm::vec3 p : object.mesh.positions) low = glm::min(low, p), high = glm::max(high, p);
     const glm::vec3 middle = 0.5f * (low + high), half = 0.5f * (high - low);
     std::vector<ShadowRay> queries;
     for (std::uint32_t k = 0; k < 20000; ++k) {
