@@ -50,10 +50,17 @@ CLOTH_FN real3 cloth_emitted(CLOTH_IN(ClothLight) light, int side)
 
 // ---- environment: latitude-longitude, y up; u = 1/2 + atan2(x, -z) / 2 pi, v = acos(y) / pi from the top row ----------------
 
+//   sine, cosine  of the angle to the upper pole
+CLOTH_FN real3 cloth_environment_toward(real u, real sine, real cosine, real rotation)
+{
+    real phi = (u - real(0.5)) * real(2) * cloth_pi + rotation;
+    return real3(sin(phi) * sine, cosine, -cos(phi) * sine);
+}
+
 CLOTH_FN real3 cloth_environment_direction(real2 uv, real rotation)
 {
-    real phi = (uv.x - real(0.5)) * real(2) * cloth_pi + rotation, theta = uv.y * cloth_pi;
-    return real3(sin(phi) * sin(theta), cos(theta), -cos(phi) * sin(theta));
+    real theta = uv.y * cloth_pi;
+    return cloth_environment_toward(uv.x, sin(theta), cos(theta), rotation);
 }
 
 CLOTH_FN real2 cloth_environment_uv(real3 d, real rotation)
@@ -138,10 +145,11 @@ CLOTH_FN ClothLightSample cloth_light_sample(CLOTH_IN(ClothLights) lights, CLOTH
         ClothInversion y = cloth_environment_row(lights, bits.y, u.y);
         ClothInversion x = cloth_environment_column(lights, y.at, bits.x, u.x);
         ivec2 size = lights.environment_size;
-        real3 wi   = cloth_environment_direction(real2((real(x.at) + x.within) / real(size.x), (real(y.at) + y.within) / real(size.y)), light.shape.x);
-        // Rows from the nearer pole: close to the other one v no longer tells the angle.
-        real rows  = min(real(y.at) + y.within, real(size.y - 1 - y.at) + (real(1) - y.within));
-        real4 seen = cloth_environment_at(lights, light.radiance, ivec2(x.at, y.at), real2(x.within, y.within), sin(rows / real(size.y) * cloth_pi));
+        // The angle from the nearer pole: close to the lower one v does not tell it.
+        real above = real(y.at) + y.within, below = real(size.y - 1 - y.at) + (real(1) - y.within);
+        real theta = min(above, below) / real(size.y) * cloth_pi, sine = sin(theta);
+        real3 wi   = cloth_environment_toward((real(x.at) + x.within) / real(size.x), sine, cos(theta) * (above <= below ? real(1) : real(-1)), light.shape.x);
+        real4 seen = cloth_environment_at(lights, light.radiance, ivec2(x.at, y.at), real2(x.within, y.within), sine);
         wi         = normalize(wi);
         return ClothLightSample(wi, cloth_far, real3(seen.x, seen.y, seen.z), seen.w);
     }
