@@ -106,6 +106,7 @@ CLOTH_FN real4 cloth_environment(CLOTH_IN(ClothLights) lights, CLOTH_IN(ClothLig
 struct ClothInversion {
     int at;
     real within;   // where in the share, [0, 1)
+    real left;     // 1 - within, with all its digits
 };
 
 CLOTH_FN int cloth_inversion_guide(int first, int count, uint bits)
@@ -122,7 +123,8 @@ CLOTH_FN ClothInversion cloth_invert(CLOTH_IN(ClothLights) lights, int first, in
         end = cloth_fetch_inversion(lights, first + at).x;
     }
     uint begin = at > 0 ? cloth_fetch_inversion(lights, first + at - 1).x : 0u;
-    return ClothInversion(at, min((real(bits - begin) + u) / max(real(end - begin), real(1)), real(0.99999994)));
+    real share = max(real(end - begin), real(1));
+    return ClothInversion(at, min((real(bits - begin) + u) / share, real(0.99999994)), max((real(end - bits) - u) / share, real(6e-8)));
 }
 
 // Row of the environment, and column in a row.
@@ -146,7 +148,7 @@ CLOTH_FN ClothLightSample cloth_light_sample(CLOTH_IN(ClothLights) lights, CLOTH
         ClothInversion x = cloth_environment_column(lights, y.at, bits.x, u.x);
         ivec2 size = lights.environment_size;
         // The angle from the nearer pole: close to the lower one v does not tell it.
-        real above = real(y.at) + y.within, below = real(size.y - 1 - y.at) + (real(1) - y.within);
+        real above = real(y.at) + y.within, below = real(size.y - 1 - y.at) + y.left;
         real theta = min(above, below) / real(size.y) * cloth_pi, sine = sin(theta);
         real3 wi   = cloth_environment_toward((real(x.at) + x.within) / real(size.x), sine, cos(theta) * (above <= below ? real(1) : real(-1)), light.shape.x);
         real4 seen = cloth_environment_at(lights, light.radiance, ivec2(x.at, y.at), real2(x.within, y.within), sine);

@@ -15,6 +15,7 @@ from bench import stability
 SETTINGS = hypothesis.settings(max_examples=100, deadline=None, derandomize=True, database=None,
                                suppress_health_check=[hypothesis.HealthCheck.function_scoped_fixture, hypothesis.HealthCheck.too_slow])
 UP = np.array([0.0, 0.0, 1.0])
+ENVIRONMENT = np.array([32, 16])   # texels of the one in tests/cpp/stability_inputs.cpp
 
 
 class Server:
@@ -299,6 +300,9 @@ def test_a_sampled_texel_is_the_one_that_is_found(call, precision, u, bits, rota
     """The texel that bits choose, the direction in it and what a ray that way finds have one pdf and one radiance."""
     light = np.r_[0, 1, np.zeros(6), 1, 1, 1, np.zeros(6), rotation, 0]
     sampled = call("light_sample", light, 0, 0, 0, u, bits)
+    # At a texel's edge float's directions do not tell its neighbour from it, and neighbours differ by 1e16.
+    place = call("environment_uv", sampled[:3], rotation) * ENVIRONMENT % 1
+    hypothesis.assume(((place > 1e-3) & (place < 1 - 1e-3)).all())
     found = call("light_hit", light, 0, 0, 0, sampled[:3])
     assert np.allclose(found[7], sampled[7], rtol=rtol(precision, 1e-9, 1e-4), atol=1e-30)
     if precision == "f64":   # neighbouring texels differ by 1e16, which float's directions do not tell
