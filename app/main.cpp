@@ -86,9 +86,8 @@ LookdevOptions parse_options(int argc, char** argv, bool& done)
     app.add_option("--frames", options.frames,
                    "headless: stop after N frames (--footprint-samples samples of every pixel each)")
         ->check(between(1, 16777216));
-    app.add_option(
-           "--spp", options.spp,
-           "headless: as --frames, but N samples of every pixel, in frames of up to 8: the quickest way to them")
+    app.add_option("--spp", options.spp,
+                   "headless: stop after N samples of every pixel, in frames of up to 32: the quickest way to them")
         ->check(between(1, 16777216));
     app.add_option("--time", options.time_s, "headless: stop after SECONDS of rendering")->check(between(1e-3, 1e9));
     app.add_option("--target-error", options.target_error,

@@ -4,37 +4,8 @@
 #include <algorithm>
 #include <cmath>
 
-#include <chrono>
-#include <cstdio>
-#include <cstdlib>
 namespace selvedge
 {
-struct Split {
-    double t[8] = {};
-    int n = 0;
-    std::chrono::steady_clock::time_point last;
-    const bool on = std::getenv("SPLIT") != nullptr;
-    void start()
-    {
-        if (!on) return;
-        gl.Finish();
-        last = std::chrono::steady_clock::now();
-    }
-    void mark(int k)
-    {
-        if (!on) return;
-        gl.Finish();
-        auto now = std::chrono::steady_clock::now();
-        if (n > 2) t[k] += std::chrono::duration<double, std::milli>(now - last).count();
-        last = now;
-    }
-    ~Split()
-    {
-        if (on)
-            std::fprintf(stderr, "split ms a frame: set %.3f visibility %.3f shade %.3f merge %.3f\n", t[0] / (n - 3),
-                         t[1] / (n - 3), t[2] / (n - 3), t[3] / (n - 3));
-    }
-} split;
 
 using namespace cloth::f32;
 
@@ -255,7 +226,6 @@ bool Preview::draw_frame()
         frame_count = block_count = 0;
         stale = false;
     }
-    split.start();
     const ClothCamera centre = make_camera(camera, targets.size());
     const std::uint32_t view_seed = view_count == 0 ? options.seed : cloth_hash_combine(options.seed, ~view_count);
     const std::uint32_t block_seed = cloth_hash_combine(view_seed, block_count);
@@ -285,13 +255,9 @@ bool Preview::draw_frame()
     frame.past_up = glm::vec4(past.up, 1 / std::max(glm::dot(past.up, past.up), 1e-30f));
     passes.set_frame(frame);
     buffers.bind_textures();
-    split.mark(0);
     passes.visibility(targets, buffers);
-    split.mark(1);
     targets.bind_textures();
     passes.shade(targets, buffers);
-    split.mark(2);
-    split.n++;
     if (has_past && frame_count == 0) {
         passes.carry(targets, buffers);
         has_carried = true;
@@ -301,7 +267,6 @@ bool Preview::draw_frame()
         const int half = tiles.empty() ? 0 : static_cast<int>(block_count % 2);
         ++block_count;
         passes.merge(targets, half, length, blocks_of(half));
-        split.mark(3);
         if (!tiles.empty() && half == 1 && block_count / 2 >= pilot_blocks) judge();
     }
     return true;
