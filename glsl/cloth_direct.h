@@ -7,7 +7,7 @@
 #define CLOTH_METAL 1
 #endif
 
-// The part of a ClothShading that light between yarns is.
+// Light between yarns at a point.
 struct ClothBetween {
     real3 r;      // albedo of what comes from the viewer's side [9.1]
     real3 t;      // from the other side

@@ -328,6 +328,7 @@ void Renderer::find_vertices(Batch& batch, bool camera, Counters& counters) cons
                                        f32::cloth_draw(batch.random(lane), f32::cloth_dim_pick).y, false);
             });
             if (!selection.passes) {
+                // As cloth_shade_fabric, which would copy the selection.
                 vertex.shading.matte = false;
                 vertex.shading.albedo = glm::vec3(0.0f);
                 vertex.shading.roughness = 0.0f;

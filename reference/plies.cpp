@@ -456,7 +456,7 @@ void PlyScene::shade(const Entry& entry, bool leaving, glm::vec3 direction, PlyV
     selection.texel.slope_f = glm::vec2(0);
     selection.texel.yarn = mesh.yarn[entry.triangle];
     selection.texel.gap = false;
-    selection.texel.openness_f = 1;
+    selection.texel.openness_f = selection.texel.openness_b = 1;
     vertex.shading = f32::cloth_shade_fabric(selection, point_settings);
 }
 

@@ -508,6 +508,7 @@ std::string hash_of(const Scene& scene)
                 hasher.add(yarn.diffuse_t);
             hasher.add(yarn.alpha_r), hasher.add(yarn.alpha_t), hasher.add(yarn.thickness), hasher.add(yarn.twist);
             hasher.add(yarn.diffuse_mix), hasher.add(yarn.beneath);
+            hasher.add(yarn.reflectance), hasher.add(yarn.transmittance), hasher.add(yarn.albedo);
         }
     }
     return hasher.text();

@@ -85,6 +85,19 @@ def test_each_skip_alone_changes_no_bit(preview, name):
     assert_same_bits(picture, again)
 
 
+def test_yarns_that_reflect_nothing_but_let_light_through_still_light_each_other(preview):
+    """Seen red with yarns of no reflectance taken for yarns that give nothing on."""
+    yarn = {"spacing": 0.001, "width": 0.0009, "thickness": 20, "albedo": 0, "diffuse": 0, "diffuse_transmission": 0.8}
+    cloth = {"name": "cloth", "pattern": "plain 1/1", "resolution": 64, "warp": yarn, "weft": yarn}
+    behind = SUN | {"direction": [0.1, 0.9, 0.3]}   # the plane faces y
+    scene = {"camera": CAMERA | {"position": [0, 4, 0.4]}, "lights": [behind],
+             "objects": [{"shape": "plane", "fabric": cloth, "uv_scale": 0.02}]}
+    lean, picture = preview(scene)
+    kept, again = preview(scene, "--keep", "interreflection")
+    assert "interreflection" not in left_out(lean)
+    assert_same_bits(picture, again)
+
+
 @pytest.mark.parametrize("objects, position, shadows", [
     ([{"shape": "sphere"}], [0, 0.4, 4], False),
     ([{"shape": "sphere"}], [0, 0.1, 0.5], True),                                    # from inside, the far wall is lit

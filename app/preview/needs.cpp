@@ -173,7 +173,9 @@ Needs Needs::of(const Scene& scene, const BlockingShape& shape, const CameraSpec
     if (left_out("noise", every_fabric([](const PackedFabric& f) { return f.noise_amplitude <= 0; })))
         needs.model.twist_noise = false;
     // A lobe of albedo 0.
-    const auto gives_nothing = [](const ClothYarn& y) { return y.reflectance == glm::vec3(0); };
+    const auto gives_nothing = [](const ClothYarn& y) {
+        return y.reflectance == glm::vec3(0) && y.transmittance == glm::vec3(0);
+    };
     if (left_out("interreflection", every_fabric([&](const PackedFabric& f) {
                      return std::all_of(f.yarns.begin(), f.yarns.end(), gives_nothing);
                  })))
