@@ -19,7 +19,7 @@ namespace
 {
 
 // Raise it when the words of a bake change for the same inputs.
-constexpr std::uint32_t format_version = 5;
+constexpr std::uint32_t format_version = 6;
 constexpr char magic[8] = {'s', 'e', 'l', 'v', 'b', 'a', 'k', 'e'};
 constexpr std::uint32_t warning_limit = 1000;
 

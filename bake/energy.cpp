@@ -3,6 +3,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <iterator>
 #include <vector>
 
 #include <tbb/parallel_for.h>
@@ -125,13 +126,38 @@ cloth::f32::ClothYarn shade_yarn(const YarnSpec& spec, glm::vec3 tint, const Sla
     }
     yarn.alpha_r = std::clamp(spec.roughness, 0.01f, 1.0f);
     yarn.alpha_t = std::clamp(spec.roughness_transmission.value_or(spec.roughness), 0.01f, 1.0f);
-    yarn.thickness = spec.thickness;
+    yarn.thickness = yarn.thickness_t = spec.thickness;
     yarn.twist = glm::radians(spec.fibre_twist_deg);
     yarn.diffuse_mix = spec.diffuse_mix;
     yarn.reflectance = yarn.diffuse_r + yarn.albedo_r * float(slab.mean.x);
     yarn.transmittance = yarn.diffuse_t + yarn.albedo_t * float(slab.mean.y);
     yarn.albedo = yarn.reflectance + yarn.transmittance + float(slab.mean.z);
     return yarn;
+}
+
+// Most that a slab lets through bent, in a channel of albedo 1, of what is seen from rows of the same angle as this one: the fibres of
+// the yarn above it run another way.
+static double bent(const SlabTable& slab, std::size_t row)
+{
+    const std::size_t first = row - row % SlabTable::turns;
+    double most = 0;
+    for (std::size_t k = first; k < first + SlabTable::turns; ++k) most = std::max(most, slab.rows[k].albedo.y);
+    return most;
+}
+
+// What a channel of two yarns has left at every angle for light that leaves their upper side or passes, beside what is reflected
+// there and what meets no fibre: the least of it over what the lobes would have.
+static double room_for_lobes(const cloth::f32::ClothYarn& upper, const SlabTable& upper_slab,
+                             const cloth::f32::ClothYarn& lower, const SlabTable& lower_slab, int c, glm::dvec2 lobes)
+{
+    double least = 1;
+    for (std::size_t k = 0; k < std::size(upper_slab.rows); ++k) {
+        const glm::dvec3 albedo = upper_slab.rows[k].albedo;
+        const double room = 1 - double(upper.diffuse_r[c]) - double(upper.albedo_r[c]) * albedo.x -
+                            std::pow(albedo.z, 1 + double(lower.thickness) / double(upper.thickness));
+        least = std::min(least, room / std::max(lobes.x * albedo.y + lobes.y * bent(lower_slab, k), 1e-9));
+    }
+    return std::max(least, 0.0);
 }
 
 cloth::f32::ClothYarn stack_yarns(const cloth::f32::ClothYarn& upper, const SlabTable& upper_slab,
@@ -144,21 +170,26 @@ cloth::f32::ClothYarn stack_yarns(const cloth::f32::ClothYarn& upper, const Slab
         const double t = double(upper.transmittance[c]) + u, t_lower = double(lower.transmittance[c]) + u_lower;
         const double between = 1 / std::max(1 - r * r_lower, 1e-6); // light to and fro between the two
         const double back = t * t * r_lower * between;
-        const double lobe =
-            double(upper.albedo_t[c]) * u_lower; // goes on through the lower yarn without meeting a fibre
-        const double through = std::max(t * t_lower * between - u * u_lower - lobe * upper_slab.mean.y, 0.0);
+        // What either yarn bends and the other lets pass without meeting a fibre. The same from both sides.
+        glm::dvec2 lobes(double(upper.albedo_t[c]) * u_lower, double(lower.albedo_t[c]) * u);
+        lobes *= std::min(room_for_lobes(upper, upper_slab, lower, lower_slab, c, lobes),
+                          room_for_lobes(lower, lower_slab, upper, upper_slab, c, {lobes.y, lobes.x}));
+        const double lobe_mean = lobes.x * upper_slab.mean.y + lobes.y * lower_slab.mean.y;
+        const double through = std::max(t * t_lower * between - u * u_lower - lobe_mean, 0.0);
         // Both are means over directions, too.
         double room = 1;
-        for (const SlabTable::Row& row : upper_slab.rows)
-            room = std::min(room, 1 - double(upper.diffuse_r[c]) - double(upper.albedo_r[c]) * row.albedo.x -
-                                      lobe * row.albedo.y -
-                                      std::pow(row.albedo.z, 1 + double(lower.thickness) / double(upper.thickness)));
+        for (std::size_t k = 0; k < std::size(upper_slab.rows); ++k) {
+            const glm::dvec3 albedo = upper_slab.rows[k].albedo;
+            room = std::min(room, 1 - double(upper.diffuse_r[c]) - double(upper.albedo_r[c]) * albedo.x -
+                                      lobes.x * albedo.y - lobes.y * bent(lower_slab, k) -
+                                      std::pow(albedo.z, 1 + double(lower.thickness) / double(upper.thickness)));
+        }
         const double scale = std::clamp(room / std::max(back + through, 1e-9), 0.0, 1.0);
-        stack.albedo_t[c] = float(lobe);
+        stack.albedo_t[c] = float(lobes.x);
         stack.diffuse_t[c] = float(scale * through);
         stack.diffuse_r[c] += float(scale * back);
         stack.reflectance[c] += float(scale * back);
-        stack.transmittance[c] = float(scale * through + lobe * upper_slab.mean.y);
+        stack.transmittance[c] = float(scale * through + lobe_mean);
         stack.albedo[c] = stack.reflectance[c] + stack.transmittance[c] + float(u * u_lower);
     }
     stack.beneath = lower.thickness;

@@ -20,6 +20,7 @@ struct ClothPoint {
     real3 normal_f;    // unit ply normal, front
     real3 normal_b;    // unit ply normal, back
     real3 tangent;     // unit fibre tangent, front
+    real3 tangent_t;   // of the fibres that bend light on its way through: the same, or those of a yarn beneath
     real length_f;     // |N_f|, length of the area vector (-sx, -sy, 1); 1/(n_s.n_p)
     real length_b;     // |N_b|
 };
@@ -174,6 +175,7 @@ CLOTH_FN real3 cloth_point_value(CLOTH_IN(ClothPoint) p, CLOTH_IN(ClothYarn) yar
     bool reflected = i.z > real(0);
     real3 i_side   = reflected ? i : cloth_mirror(i);
     real3 n_side   = reflected ? p.normal_f : p.normal_b;
+    real3 tangent  = reflected ? p.tangent : p.tangent_t;
     real alpha     = reflected ? yarn.alpha_r : yarn.alpha_t;
     real3 albedo   = reflected ? yarn.albedo_r : yarn.albedo_t;
     real3 diffuse  = reflected ? yarn.diffuse_r : yarn.diffuse_t;
@@ -184,10 +186,10 @@ CLOTH_FN real3 cloth_point_value(CLOTH_IN(ClothPoint) p, CLOTH_IN(ClothYarn) yar
     real k_o = max(slab == cloth_slab_macro ? o.z : c_o, cloth_cosine_min);
     real f_i = real(0);
     if (c_i > real(0)) {
-        real d       = cloth_sggx_d_half(i, o, p.tangent, alpha);
-        real sigma_i = cloth_sggx_sigma(i, p.tangent, alpha), sigma_o = cloth_sggx_sigma(o, p.tangent, alpha);
+        real d       = cloth_sggx_d_half(i, o, tangent, alpha);
+        real sigma_i = cloth_sggx_sigma(i, tangent, alpha), sigma_o = cloth_sggx_sigma(o, tangent, alpha);
         f_i = reflected ? cloth_slab_reflect(d, sigma_i, sigma_o, k_i, k_o, yarn.thickness)
-                        : cloth_slab_transmit(d, sigma_i, sigma_o, k_i, k_o, yarn.thickness) * (p.length_b / p.length_f);
+                        : cloth_slab_transmit(d, sigma_i, sigma_o, k_i, k_o, yarn.thickness_t) * (p.length_b / p.length_f);
         f_i = f_i / k_o * (c_i / k_i);
     }
     return albedo * f_i + diffuse * cloth_diffuse(n_side, i_side, yarn.diffuse_mix);
@@ -227,8 +229,8 @@ CLOTH_FN real cloth_point_pdf(CLOTH_IN(ClothPoint) p, CLOTH_IN(ClothYarn) yarn, 
         pdf += lobe.x * cloth_sggx_d_half(i, o, p.tangent, yarn.alpha_r) /
                (real(4) * cloth_sggx_sigma(o, p.tangent, yarn.alpha_r));
     if (lobe.y > real(0))
-        pdf += lobe.y * cloth_sggx_d_half(i, o, p.tangent, yarn.alpha_t) /
-               (real(4) * cloth_sggx_sigma(o, p.tangent, yarn.alpha_t));
+        pdf += lobe.y * cloth_sggx_d_half(i, o, p.tangent_t, yarn.alpha_t) /
+               (real(4) * cloth_sggx_sigma(o, p.tangent_t, yarn.alpha_t));
     return pdf + lobe.z * cloth_diffuse(p.normal_f, i, yarn.diffuse_mix) +
            lobe.w * cloth_diffuse(p.normal_b, cloth_mirror(i), yarn.diffuse_mix);
 }
@@ -248,9 +250,9 @@ CLOTH_FN ClothSample cloth_point_sample(CLOTH_IN(ClothPoint) p, CLOTH_IN(ClothYa
     if (lobe.x + lobe.y + lobe.z + lobe.w <= real(0)) return ClothSample(real3(real(0), real(0), real(1)), real(0));
     real3 i;
     if (u_lobe.x < lobe.x + lobe.y) {
-        real alpha = u_lobe.x < lobe.x ? yarn.alpha_r : yarn.alpha_t;
-        real3 m    = cloth_sggx_sample_vndf(o, p.tangent, alpha, u);
-        i          = real(2) * dot(o, m) * m - o;
+        bool reflected = u_lobe.x < lobe.x;
+        real3 m        = cloth_sggx_sample_vndf(o, reflected ? p.tangent : p.tangent_t, reflected ? yarn.alpha_r : yarn.alpha_t, u);
+        i              = real(2) * dot(o, m) * m - o;
     } else {
         bool reflected = u_lobe.x < lobe.x + lobe.y + lobe.z || lobe.w <= real(0);
         real3 n        = real3(real(0), real(0), real(1));

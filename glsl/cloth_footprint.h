@@ -210,6 +210,28 @@ CLOTH_FN real cloth_clears(real v, real unscattered)
     return v + (real(1) - v) * unscattered;
 }
 
+// A shader that is told that no yarn lies over another (CLOTH_STACKS 0) has no code for it.
+#ifndef CLOTH_STACKS
+#define CLOTH_STACKS 1
+#endif
+
+// Of two yarns over each other either one bends what the other lets pass [model.md]: one of the two is drawn, and counts twice. The
+// texel of the back names the same two from the other side, and so the lobe of the lower one.
+//   xy, tile  of the point's texel;  u  [0, 1)
+CLOTH_FN ClothSelection cloth_bend(CLOTH_IN(ClothMaps) maps, ClothSelection point, ivec2 xy, ivec2 tile, bool noise, real u)
+{
+    if (u < real(0.5)) {
+        ClothTexel below = cloth_texel(maps, 1 - point.side, xy, tile, noise);
+        ClothYarn lower  = cloth_fetch_yarn(maps, below.yarn);
+        point.texel.point.tangent_t = cloth_mirror(below.point.tangent);
+        point.yarn.albedo_t         = lower.albedo_t;
+        point.yarn.alpha_t          = lower.alpha_t;
+        point.yarn.thickness_t      = lower.thickness;
+    }
+    point.yarn.albedo_t = point.yarn.albedo_t * real(2);
+    return point;
+}
+
 // What the ray meets at a found point.
 //   u       cloth_dim_pick, y
 //   stops   true where the ray is known to stop here: what hides the light behind need not be looked up again
@@ -226,7 +248,8 @@ CLOTH_FN ClothSelection cloth_meet(CLOTH_IN(ClothMaps) maps, int side, ClothFoot
     result.weight = real(1);
     result.side   = side;
     result.spot   = place.spot;
-    result.texel  = cloth_texel(maps, side, place.spot >> 2, settings.twist_noise ? footprint.base + place.repeat : ivec2(0, 0), settings.twist_noise);
+    ivec2 repeat  = settings.twist_noise ? footprint.base + place.repeat : ivec2(0, 0);
+    result.texel  = cloth_texel(maps, side, place.spot >> 2, repeat, settings.twist_noise);
     result.yarn   = cloth_fetch_yarn(maps, result.texel.yarn);
     if (meso && settings.weight == cloth_weight_mips) result.weight = place.area / cloth_area_from_mips(maps, side, footprint, o);
     if (meso && settings.weight == cloth_weight_tile) result.weight = place.area / o.z;
@@ -251,6 +274,9 @@ CLOTH_FN ClothSelection cloth_meet(CLOTH_IN(ClothMaps) maps, int side, ClothFoot
     // whose straight way ends at the yarns behind is dark.
     if (!result.texel.gap && !result.passes)
         result.weight = u < through ? real(0) : result.weight / max(real(1) - through, real(1e-3));
+    // Of u that decided so far, what is left is uniform.
+    if (CLOTH_STACKS != 0 && result.yarn.beneath > real(0) && !result.texel.gap && !result.passes && result.weight > real(0))
+        return cloth_bend(maps, result, place.spot >> 2, repeat, settings.twist_noise, (u - through) / max(real(1) - through, real(1e-3)));
     return result;
 }
 

@@ -70,7 +70,7 @@ CLOTH_FN ClothTexel cloth_texel(CLOTH_IN(ClothMaps) maps, int side, ivec2 xy, iv
     real omega   = cloth_fetch_yarn(maps, yarn).twist;
     real twist   = (noise ? cloth_twist(maps, omega, xy, tile) : omega) * (side == 0 ? real(1) : real(-1));
     real3 t      = cos(twist) * t_p + sin(twist) * cross(n_f, t_p);
-    return ClothTexel(ClothPoint(n_f, n_b, t, len_f, len_b), s_f, yarn, cloth_texel_is_gap(front),
+    return ClothTexel(ClothPoint(n_f, n_b, t, t, len_f, len_b), s_f, yarn, cloth_texel_is_gap(front),
                       real(front.y >> 24u) / real(255), real(back.y >> 24u) / real(255));
 }
 

@@ -91,68 +91,94 @@ CLOTH_FN real2 cloth_barycentric(ClothTriangle triangle, real3 point)
     return real2(dot(cross(d, e2), n) / n2, dot(cross(e1, d), n) / n2);
 }
 
-// Frame from a shading normal and the triangle's UV gradient; flipped to side 1 where asked.
-CLOTH_FN ClothFrame cloth_uv_frame(CLOTH_IN(ClothTriangle) triangle, real3 normal_front, real3 geometric_front)
+// What of a flat triangle is the same for every ray that meets it.
+struct ClothFacet {
+    real3 e1;       // p1 - p0, p2 - p0 [m]
+    real3 e2;
+    real3 normal;   // unit, of the front
+    bool area;      // false: it has none
+    real3 grad1;    // gradients of the barycentric coordinates in its plane [1/m]
+    real3 grad2;
+    real2 dt1;      // t1 - t0, t2 - t0
+    real2 dt2;
+    real3 dp_u;     // along +u, any length
+    real hand;      // +1 or -1: (x, y, normal) of the yarns is right-handed or not; 0: no direction of yarns, for want of UV area
+};
+
+// Mirrored UVs mirror the fabric: y follows +v. The UV winding is judged against the geometric winding.
+CLOTH_FN ClothFacet cloth_facet(CLOTH_IN(ClothTriangle) triangle)
 {
-    real3 e1 = triangle.p1 - triangle.p0, e2 = triangle.p2 - triangle.p0;
-    real2 d1 = triangle.t1 - triangle.t0, d2 = triangle.t2 - triangle.t0;
-    real det   = d1.x * d2.y - d2.x * d1.y;
-    real3 dp_u = (e1 * d2.y - e2 * d1.y) * (det < real(0) ? real(-1) : real(1));   // only the direction counts
-    real3 x    = dp_u - normal_front * dot(normal_front, dp_u);
-    real len2  = dot(x, x);
-    // A triangle without UV area has no direction of yarns: any frame, but always the same one.
-    if (!(len2 > real(1e-12) * dot(dp_u, dp_u)) || det == real(0)) return cloth_frame(normal_front);
-    x        = x * (real(1) / sqrt(len2));
-    real3 y  = cross(normal_front, x);
-    // Mirrored UVs mirror the fabric: y follows +v. The UV winding is judged against the geometric winding.
-    real3 dp_v = (e2 * d1.x - e1 * d2.x) * (det < real(0) ? real(-1) : real(1));
-    if (dot(cross(dp_u, dp_v), geometric_front) < real(0)) y = -y;
-    return ClothFrame(x, y, normal_front);
+    ClothFacet f;
+    f.e1       = triangle.p1 - triangle.p0;
+    f.e2       = triangle.p2 - triangle.p0;
+    real3 n    = cross(f.e1, f.e2);
+    f.normal   = cloth_unit_vector(n * (real(1) / max(max(abs(n.x), abs(n.y)), max(abs(n.z), real(1e-30)))), real3(real(0), real(0), real(1)));
+    real n2    = dot(n, n);
+    real per_n2 = real(1) / max(n2, real(1e-38));
+    f.area     = n2 > real(0);
+    f.grad1    = cross(f.e2, n) * per_n2;
+    f.grad2    = cross(n, f.e1) * per_n2;
+    f.dt1      = triangle.t1 - triangle.t0;
+    f.dt2      = triangle.t2 - triangle.t0;
+    real det   = f.dt1.x * f.dt2.y - f.dt2.x * f.dt1.y;
+    real turn  = det < real(0) ? real(-1) : real(1);   // of dp/du and dp/dv only the direction counts
+    f.dp_u     = (f.e1 * f.dt2.y - f.e2 * f.dt1.y) * turn;
+    real3 dp_v = (f.e2 * f.dt1.x - f.e1 * f.dt2.x) * turn;
+    f.hand     = det == real(0) ? real(0) : dot(cross(f.dp_u, dp_v), f.normal) < real(0) ? real(-1) : real(1);
+    return f;
+}
+
+// Frame of the yarns about a shading normal of the front.
+CLOTH_FN ClothFrame cloth_uv_frame(CLOTH_IN(ClothFacet) facet, real3 normal_front)
+{
+    real3 x   = facet.dp_u - normal_front * dot(normal_front, facet.dp_u);
+    real len2 = dot(x, x);
+    // Without a direction of yarns any frame will do, but always the same one.
+    if (!(len2 > real(1e-12) * dot(facet.dp_u, facet.dp_u)) || facet.hand == real(0)) return cloth_frame(normal_front);
+    x = x * (real(1) / sqrt(len2));
+    return ClothFrame(x, cross(normal_front, x) * facet.hand, normal_front);
 }
 
 // The surface where a camera ray meets a triangle. The caller knows that it does (raster or BVH).
-CLOTH_FN ClothSurface cloth_surface(CLOTH_IN(ClothTriangle) triangle, CLOTH_IN(ClothRay) ray)
+CLOTH_FN ClothSurface cloth_surface(CLOTH_IN(ClothTriangle) triangle, CLOTH_IN(ClothFacet) facet, CLOTH_IN(ClothRay) ray)
 {
-    real3 e1 = triangle.p1 - triangle.p0, e2 = triangle.p2 - triangle.p0;
-    real3 n  = cross(e1, e2);
-    real3 n_front = cloth_unit_vector(n * (real(1) / max(max(abs(n.x), abs(n.y)), max(abs(n.z), real(1e-30)))), real3(real(0), real(0), real(1)));
-    real facing     = dot(n_front, ray.direction);
+    real facing     = dot(facet.normal, ray.direction);
     real per_facing = (facing < real(0) ? real(-1) : real(1)) / max(abs(facing), real(1e-12));
-    real t          = dot(triangle.p0 - ray.origin, n_front) * per_facing;
-    // Gradients of the barycentric coordinates in the triangle's plane.
-    real n2      = dot(n, n);
-    real per_n2  = real(1) / max(n2, real(1e-38));
-    real3 grad1  = cross(e2, n) * per_n2, grad2 = cross(n, e1) * per_n2;
+    real t          = dot(triangle.p0 - ray.origin, facet.normal) * per_facing;
     real3 d      = ray.origin + ray.direction * t - triangle.p0;
-    real2 b      = n2 > real(0) ? real2(dot(d, grad1), dot(d, grad2)) : real2(real(1) / real(3), real(1) / real(3));
+    real2 b      = facet.area ? real2(dot(d, facet.grad1), dot(d, facet.grad2)) : real2(real(1) / real(3), real(1) / real(3));
     b            = clamp(b, real2(real(0), real(0)), real2(real(1), real(1)));
     real b0      = real(1) - b.x - b.y;
 
     ClothSurface s;
-    s.position = triangle.p0 + e1 * b.x + e2 * b.y;
-    real2 dt1  = triangle.t1 - triangle.t0, dt2 = triangle.t2 - triangle.t0;
-    s.tile     = triangle.t0 + dt1 * b.x + dt2 * b.y;
+    s.position = triangle.p0 + facet.e1 * b.x + facet.e2 * b.y;
+    s.tile     = triangle.t0 + facet.dt1 * b.x + facet.dt2 * b.y;
 
     // Exact derivatives: the ray of the neighbouring pixel meets the same plane (Igehy 1999).
-    real3 p_dx   = (ray.direction_dx - ray.direction * (dot(ray.direction_dx, n_front) * per_facing)) * t;
-    real3 p_dy   = (ray.direction_dy - ray.direction * (dot(ray.direction_dy, n_front) * per_facing)) * t;
+    real3 p_dx   = (ray.direction_dx - ray.direction * (dot(ray.direction_dx, facet.normal) * per_facing)) * t;
+    real3 p_dy   = (ray.direction_dy - ray.direction * (dot(ray.direction_dy, facet.normal) * per_facing)) * t;
     // One tile either way is as much as a footprint can tell: beyond, every point of the tile is equally likely [hazard 18].
-    s.tile_dx = clamp(dt1 * dot(grad1, p_dx) + dt2 * dot(grad2, p_dx), real2(real(-64), real(-64)), real2(real(64), real(64)));
-    s.tile_dy = clamp(dt1 * dot(grad1, p_dy) + dt2 * dot(grad2, p_dy), real2(real(-64), real(-64)), real2(real(64), real(64)));
+    s.tile_dx = clamp(facet.dt1 * dot(facet.grad1, p_dx) + facet.dt2 * dot(facet.grad2, p_dx), real2(real(-64), real(-64)), real2(real(64), real(64)));
+    s.tile_dy = clamp(facet.dt1 * dot(facet.grad1, p_dy) + facet.dt2 * dot(facet.grad2, p_dy), real2(real(-64), real(-64)), real2(real(64), real(64)));
 
     real3 wo   = -normalize(ray.direction);
     s.side     = facing > real(0) ? 1 : 0;
     real flip  = s.side == 1 ? real(-1) : real(1);
-    s.normal_g = n_front * flip;
-    real3 n_s  = cloth_unit_vector(triangle.n0 * b0 + triangle.n1 * b.x + triangle.n2 * b.y, n_front);
-    if (dot(n_s, n_front) < real(0)) n_s = -n_s;
+    s.normal_g = facet.normal * flip;
+    real3 n_s  = cloth_unit_vector(triangle.n0 * b0 + triangle.n1 * b.x + triangle.n2 * b.y, facet.normal);
+    if (dot(n_s, facet.normal) < real(0)) n_s = -n_s;
     // A shading normal that faces away from the viewer says nothing: the geometric one takes its place [hazard 23].
-    if (dot(n_s, wo) * flip <= real(1e-4)) n_s = n_front;
-    s.frame   = cloth_uv_frame(triangle, n_s, n_front);
+    if (dot(n_s, wo) * flip <= real(1e-4)) n_s = facet.normal;
+    s.frame   = cloth_uv_frame(facet, n_s);
     s.frame.z = s.frame.z * flip;
     s.wo      = cloth_to_local(s.frame, wo);
     s.wo.z    = max(s.wo.z, real(1e-6));
     return s;
+}
+
+CLOTH_FN ClothSurface cloth_surface(CLOTH_IN(ClothTriangle) triangle, CLOTH_IN(ClothRay) ray)
+{
+    return cloth_surface(triangle, cloth_facet(triangle), ray);
 }
 
 // Start of a ray that leaves the surface on the side of n: moved off it by more than the rounding of its position.

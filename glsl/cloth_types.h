@@ -15,6 +15,7 @@ struct ClothYarn {
     real3 transmittance; // of light from all around, what comes out on the other side scattered; 0 where that is taken to meet no yarn
     real3 albedo;        // what it gives on in all, unscattered light included; rho where transmittance is 0
     real beneath;      // optical thickness of the yarn that lies under this one, where one does: on the straight way [model.md]
+    real thickness_t;  // of the slab that bends light on its way through: that of this yarn, or of the one beneath
 };
 
 CLOTH_CONST int cloth_light_environment = 0;

@@ -46,7 +46,8 @@ vec3 direct_light(ClothMaps maps, ClothSurface surface, ClothShading shading, Cl
     if (!d.any) return vec3(0.0);
     if (is_outward(surface, d.wi)) return d.value;
     vec3 side = surface.normal_g * (dot(d.wi, surface.normal_g) < 0.0 ? -1.0 : 1.0);
-    return d.value * transmittance(cloth_leave(surface.position, side), d.wi, d.distance * (1.0 - 1e-4));
+    return d.value * transmittance(cloth_leave(surface.position, side), d.wi, d.distance * (1.0 - 1e-4), cloth_faint,
+                                   cloth_draw(random, cloth_dim_light).y);
 }
 
 #ifdef BOUNCES

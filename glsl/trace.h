@@ -96,14 +96,15 @@ float share_at(int object_index, int triangle_index, vec2 b, vec3 direction)
     SceneObject object     = fetch_object(object_index);
     ClothTriangle triangle = fetch_triangle(object.first_triangle + triangle_index);
     vec2 tile = triangle.t0 + (triangle.t1 - triangle.t0) * b.x + (triangle.t2 - triangle.t0) * b.y;
-    vec3 n    = normalize(cross(triangle.p1 - triangle.p0, triangle.p2 - triangle.p0));
-    return cloth_transmittance(object.maps, tile, cloth_to_local(cloth_uv_frame(triangle, n, n), direction), frame_settings());
+    ClothFacet facet = cloth_facet(triangle);
+    return cloth_transmittance(object.maps, tile, cloth_to_local(cloth_uv_frame(facet, facet.normal), direction), frame_settings());
 }
 
 // Share of the light that gets from origin to origin + distance * direction (unit).
-float transmittance(vec3 origin, vec3 direction, float distance)
+//   least, u  of the ray's roulette
+float transmittance(vec3 origin, vec3 direction, float distance, float least, float u)
 {
-    float share  = 1.0;
+    ClothShare share = ClothShare(1.0, u);
     Walk walk    = begin_walk(origin, direction);
     bool walking = true;
     while (walking) {
@@ -119,17 +120,20 @@ float transmittance(vec3 origin, vec3 direction, float distance)
             }
         }
 #ifdef GAPS
-        if (hit) share *= at.z == 0u ? 0.0 : share_at(int(at.x), int(at.y), b, direction);
-        walking = hit && share > 0.0;
+        if (hit) {
+            share.left *= at.z == 0u ? 0.0 : share_at(int(at.x), int(at.y), b, direction);
+            share = cloth_shadow_roulette(share, least);
+        }
+        walking = hit && share.left > 0.0;
 #else
-        share   = hit ? 0.0 : 1.0;
-        walking = false;
+        share.left = hit ? 0.0 : 1.0;
+        walking    = false;
 #endif
     }
-    return share;
+    return share.left;
 }
 #else
-float transmittance(vec3 origin, vec3 direction, float distance)
+float transmittance(vec3 origin, vec3 direction, float distance, float least, float u)
 {
     return 1.0;
 }

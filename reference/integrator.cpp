@@ -13,6 +13,7 @@
 #include <memory>
 #include <new>
 #include <type_traits>
+#include <utility>
 
 #include <tbb/blocked_range2d.h>
 #include <tbb/enumerable_thread_specific.h>
@@ -119,7 +120,9 @@ struct Renderer::Batch {
     struct Lit {
         std::uint32_t lane;
         int way;
-        std::uint32_t ray; // of shadow_ray
+        bool small; // the light
+        ShadowRay query;
+        std::uint32_t ray; // where in shadow_ray it is
     };
     Lit lit[2 * batch_size];
     f32::ClothDirect light[2][batch_size];
@@ -256,15 +259,27 @@ void Renderer::find_vertices(Batch& batch, bool camera, Counters& counters) cons
             batch.found[found++] = lane;
         }
 
+        for (std::uint32_t k = 0; k < found; ++k) {
+            const RayHit& hit = batch.hit[batch.found[k]];
+            const Mesh& mesh = scene_.objects[hit.object].mesh;
+            const glm::uvec3 corners = mesh.triangles[hit.triangle];
+            for (int c = 0; c < 3; ++c) {
+                __builtin_prefetch(mesh.positions.data() + corners[c]);
+                __builtin_prefetch(mesh.normals.data() + corners[c]);
+            }
+        }
+
         // Surfaces. Neighbouring samples often meet one triangle.
         std::uint32_t fabrics = 0, last_object = ~0u, last_triangle = ~0u;
         f32::ClothTriangle triangle;
+        f32::ClothFacet facet;
         for (std::uint32_t k = 0; k < found; ++k) {
             const std::uint32_t lane = batch.found[k];
             const RayHit& hit = batch.hit[lane];
             const SceneObject& object = scene_.objects[hit.object];
             if (hit.object != last_object || hit.triangle != last_triangle) {
                 triangle = triangle_of(object, hit.triangle);
+                facet = f32::cloth_facet(triangle);
                 last_object = hit.object;
                 last_triangle = hit.triangle;
             }
@@ -272,7 +287,7 @@ void Renderer::find_vertices(Batch& batch, bool camera, Counters& counters) cons
             vertex.object = hit.object;
             vertex.triangle = hit.triangle;
             vertex.distance = hit.distance;
-            make_in(vertex.surface, [&] { return f32::cloth_surface(triangle, batch.ray[lane]); });
+            make_in(vertex.surface, [&] { return f32::cloth_surface(triangle, facet, batch.ray[lane]); });
             if (object.fabric < 0) {
                 make_in(vertex.shading, [&] { return f32::cloth_shade_plain(object.albedo, object.roughness); });
                 batch.met[lane] = true;
@@ -398,6 +413,7 @@ void Renderer::add_direct_light(Batch& batch, Counters& counters) const
         const f32::ClothLightChoice& choice = batch.choice[lane];
         const int ways = settings_.mis && f32::cloth_light_has_two_ways(choice.light, vertex.shading) ? 2 : 1;
         const glm::vec2 u_lobe = ways == 2 ? f32::cloth_draw(random, f32::cloth_dim_lobe) : glm::vec2(0.0f);
+        float brings[2] = {0.0f, 0.0f}; // luminance of each way in full light
         for (int way = 0; way < ways; ++way) {
             f32::ClothDirect& light = batch.light[way][lane];
             make_in(light, [&] {
@@ -405,33 +421,49 @@ void Renderer::add_direct_light(Batch& batch, Counters& counters) const
                                             scene_.model.settings, random, choice, way == 1, ways == 2 ? 1.0f : 0.0f,
                                             u_lobe);
             });
-            if (light.any)
-                batch.lit[lit++] = {lane, way, 0};
-            else
+            if (light.any) brings[way] = f32::cloth_luminance(light.value);
+        }
+        const float u = f32::cloth_draw(random, f32::cloth_dim_light).y;
+        // Rays to a light that looks small from everywhere go nearly the same way.
+        const bool small =
+            f32::cloth_light_is(choice.light, f32::cloth_light_directional) || f32::cloth_light_is_delta(choice.light);
+        for (int way = 0; way < ways; ++way) {
+            const f32::ClothDirect& light = batch.light[way][lane];
+            if (!light.any) {
                 ++counters.rays_saved;
+                continue;
+            }
+            // Rays that go together save nothing by a roulette, so they have none.
+            const float least = small ? 0.0f : f32::cloth_faint * (brings[0] + brings[1]) / brings[way];
+            const glm::vec3 normal = vertex.surface.normal_g;
+            ShadowRay query = {
+                f32::cloth_leave(vertex.surface.position, glm::dot(light.wi, normal) > 0.0f ? normal : -normal),
+                light.wi,
+                light.distance * (1.0f - 1e-4f),
+                least < 1e30f ? least : 0.0f,
+                {1.0f, way == 0 ? u : 1.0f - u}}; // the decisions on the two ways are each other's opposites
+            query.share = f32::cloth_shadow_roulette(query.share, query.least);
+            if (query.share.left <= 0.0f) {
+                batch.first_light[way][lane] = glm::vec3(0.0f);
+                ++counters.rays_saved;
+                continue;
+            }
+            batch.lit[lit++] = {lane, way, small, query, 0};
         }
     }
-    // Rays to a light that looks small from everywhere go nearly the same way.
     std::uint32_t together = 0, ray = 0;
     for (const bool small : {true, false}) {
         for (std::uint32_t k = 0; k < lit; ++k) {
-            const auto [lane, way, at] = batch.lit[k];
-            const f32::ClothLight& of = batch.choice[lane].light;
-            if (small != (f32::cloth_light_is(of, f32::cloth_light_directional) || f32::cloth_light_is_delta(of)))
-                continue;
-            const f32::ClothSurface& surface = batch.vertex[lane].surface;
-            const f32::ClothDirect& light = batch.light[way][lane];
-            const glm::vec3 normal = glm::dot(light.wi, surface.normal_g) > 0.0f ? surface.normal_g : -surface.normal_g;
-            batch.shadow_ray[ray] = {f32::cloth_leave(surface.position, normal), light.wi,
-                                     light.distance * (1.0f - 1e-4f), 0.0f};
+            if (batch.lit[k].small != small) continue;
+            batch.shadow_ray[ray] = batch.lit[k].query;
             batch.lit[k].ray = ray++;
         }
         if (small) together = ray;
     }
     rays_.find_transmittances(batch.shadow_ray, together, lit, scene_.model.settings, batch.sheets);
     for (std::uint32_t k = 0; k < lit; ++k) {
-        const auto [lane, way, at] = batch.lit[k];
-        const glm::vec3 value = batch.light[way][lane].value * batch.shadow_ray[at].transmittance;
+        const auto [lane, way] = std::pair(batch.lit[k].lane, batch.lit[k].way);
+        const glm::vec3 value = batch.light[way][lane].value * batch.shadow_ray[batch.lit[k].ray].share.left;
         batch.first_light[way][lane] = value; // read after the first vertex only
         batch.radiance[lane] += batch.throughput[lane] * value;
     }

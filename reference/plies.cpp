@@ -452,7 +452,8 @@ void PlyScene::shade(const Entry& entry, bool leaving, glm::vec3 direction, PlyV
     surface.tile = at;
     surface.tile_dx = surface.tile_dy = glm::vec2(0);
     surface.side = 0;
-    selection.texel.point = {{0, 0, 1}, {0, 0, 1}, f32::cloth_to_local(surface.frame, tangent), 1, 1};
+    const glm::vec3 fibre = f32::cloth_to_local(surface.frame, tangent);
+    selection.texel.point = {{0, 0, 1}, {0, 0, 1}, fibre, fibre, 1, 1};
     selection.texel.slope_f = glm::vec2(0);
     selection.texel.yarn = mesh.yarn[entry.triangle];
     selection.texel.gap = false;

@@ -18,16 +18,6 @@ namespace f32 = cloth::f32;
 namespace
 {
 
-// What shadow rays carry for the filter of fabrics with gaps. Embree's own struct comes first.
-struct ShadowContext {
-#if RTC_VERSION_MAJOR >= 4
-    RTCRayQueryContext base;
-#else
-    RTCIntersectContext base;
-#endif
-    std::vector<CrossedSheet>* sheets;
-};
-
 // What of a flat triangle of cloth is the same for every ray: tiles at its first corner and along its edges, and its
 // frame from the front. A cache line.
 struct alignas(64) SheetTriangle {
@@ -40,11 +30,8 @@ std::vector<SheetTriangle> sheet_triangles(const SceneObject& object)
     std::vector<SheetTriangle> sheet(object.mesh.triangles.size());
     for (std::size_t k = 0; k < sheet.size(); ++k) {
         const f32::ClothTriangle triangle = triangle_of(object, k);
-        const glm::vec3 n = glm::cross(triangle.p1 - triangle.p0, triangle.p2 - triangle.p0);
-        const glm::vec3 n_g = f32::cloth_unit_vector(
-            n * (1.0f / std::max({std::abs(n.x), std::abs(n.y), std::abs(n.z), 1e-30f})), glm::vec3(0.0f, 0.0f, 1.0f));
-        sheet[k] = {triangle.t0, triangle.t1 - triangle.t0, triangle.t2 - triangle.t0,
-                    f32::cloth_uv_frame(triangle, n_g, n_g)};
+        const f32::ClothFacet facet = f32::cloth_facet(triangle);
+        sheet[k] = {triangle.t0, facet.dt1, facet.dt2, f32::cloth_uv_frame(facet, facet.normal)};
     }
     return sheet;
 }
@@ -53,6 +40,19 @@ std::vector<SheetTriangle> sheet_triangles(const SceneObject& object)
 struct Sheets {
     f32::ClothMaps maps;
     std::vector<SheetTriangle> triangles;
+};
+
+// What shadow rays carry for the filter of fabrics that light passes through. Embree's own struct comes first.
+struct ShadowContext {
+#if RTC_VERSION_MAJOR >= 4
+    RTCRayQueryContext base;
+#else
+    RTCIntersectContext base;
+#endif
+    std::vector<CrossedSheet>* noted; // of rays without roulette
+    const Sheets* sheets;             // of the scene, by object
+    const f32::ClothSettings* settings;
+    ShadowRay* ray; // that has a roulette and goes alone
 };
 
 // Rays that go nearly the same way are traced so many at a time.
@@ -70,19 +70,42 @@ void set_ray(RTCRay16& rays, std::uint32_t k, glm::vec3 origin, glm::vec3 direct
     rays.flags[k] = 0;
 }
 
-// Lets shadow rays through one sheet of cloth, which is noted.
+// Where a ray meets a sheet, and from where in the frame of the cloth. Has what the maps say of it brought.
+void find_crossing(CrossedSheet& sheet, const Sheets& of, glm::vec3 direction)
+{
+    const SheetTriangle& triangle = of.triangles[sheet.triangle];
+    sheet.tile = triangle.tile + triangle.tile_1 * sheet.u + triangle.tile_2 * sheet.v;
+    sheet.direction = f32::cloth_to_local(triangle.frame, direction);
+    const glm::ivec2 spot = f32::cloth_spot_at(of.maps, sheet.tile);
+    f32::cloth_prefetch_texels(of.maps, spot);
+    f32::cloth_prefetch_horizons(of.maps, spot);
+}
+
+// Lets shadow rays through one sheet of cloth. It is noted, or, for a ray with a roulette, looked at now.
 void cross_sheet(const RTCFilterFunctionNArguments* arguments)
 {
-    const auto* triangles = static_cast<const SheetTriangle*>(arguments->geometryUserPtr);
     ShadowContext& context = *reinterpret_cast<ShadowContext*>(arguments->context);
     const unsigned count = arguments->N;
     for (unsigned k = 0; k < count; ++k) {
         if (arguments->valid[k] == 0) continue;
-        const std::uint32_t triangle = RTCHitN_primID(arguments->hit, count, k);
-        __builtin_prefetch(triangles + triangle);
-        context.sheets->push_back({RTCRayN_id(arguments->ray, count, k), RTCHitN_geomID(arguments->hit, count, k),
-                                   triangle, RTCHitN_u(arguments->hit, count, k), RTCHitN_v(arguments->hit, count, k),
-                                   glm::vec2(0.0f), glm::vec3(0.0f)});
+        CrossedSheet sheet = {RTCRayN_id(arguments->ray, count, k),
+                              RTCHitN_geomID(arguments->hit, count, k),
+                              RTCHitN_primID(arguments->hit, count, k),
+                              RTCHitN_u(arguments->hit, count, k),
+                              RTCHitN_v(arguments->hit, count, k),
+                              glm::vec2(0.0f),
+                              glm::vec3(0.0f)};
+        const Sheets& of = context.sheets[sheet.object];
+        if (context.ray) {
+            find_crossing(sheet, of, context.ray->direction);
+            f32::ClothShare& share = context.ray->share;
+            share.left *= f32::cloth_transmittance(of.maps, sheet.tile, sheet.direction, *context.settings);
+            share = f32::cloth_shadow_roulette(share, context.ray->least);
+            if (share.left <= 0.0f) continue;
+        } else {
+            __builtin_prefetch(of.triangles.data() + sheet.triangle);
+            context.noted->push_back(sheet);
+        }
         arguments->valid[k] = 0;
     }
 }
@@ -118,7 +141,6 @@ RayScene::RayScene(const Scene& scene) : state_(std::make_unique<State>())
         RTCGeometry geometry = new_triangles(state.device, object.mesh.positions, object.mesh.triangles);
         if (lets_rays_through(scene, object)) {
             state.sheets[k] = {maps_of(scene.fabrics[std::size_t(object.fabric)]), sheet_triangles(object)};
-            rtcSetGeometryUserData(geometry, state.sheets[k].triangles.data());
             rtcSetGeometryOccludedFilterFunction(geometry, cross_sheet);
             ++needs_.filtered_objects;
         }
@@ -186,7 +208,10 @@ void RayScene::find_transmittances(ShadowRay* rays, std::uint32_t together, std:
 {
     sheets.clear();
     ShadowContext context;
-    context.sheets = &sheets;
+    context.noted = &sheets;
+    context.sheets = state_->sheets.data();
+    context.settings = &settings;
+    context.ray = nullptr;
 #if RTC_VERSION_MAJOR >= 4
     rtcInitRayQueryContext(&context.base);
     RTCOccludedArguments arguments;
@@ -212,7 +237,7 @@ void RayScene::find_transmittances(ShadowRay* rays, std::uint32_t together, std:
         rtcOccluded16(valid, state_->scene, &context.base, &query);
 #endif
         for (std::uint32_t k = 0; k < packet && first + k < together; ++k)
-            rays[first + k].transmittance = query.tfar[k] < 0.0f ? 0.0f : 1.0f;
+            if (query.tfar[k] < 0.0f) rays[first + k].share.left = 0.0f;
     }
 #if RTC_VERSION_MAJOR >= 4
     arguments.flags = RTC_RAY_QUERY_FLAG_INCOHERENT;
@@ -230,6 +255,7 @@ void RayScene::find_transmittances(ShadowRay* rays, std::uint32_t together, std:
         ray.id = k;
         ray.flags = 0;
         const std::size_t crossed = sheets.size();
+        context.ray = rays[k].least > 0.0f ? &rays[k] : nullptr;
 #if RTC_VERSION_MAJOR >= 4
         rtcOccluded1(state_->scene, &ray, &arguments);
 #else
@@ -237,36 +263,31 @@ void RayScene::find_transmittances(ShadowRay* rays, std::uint32_t together, std:
 #endif
         const bool blocked = ray.tfar < 0.0f;
         if (blocked) sheets.resize(crossed);
-        rays[k].transmittance = blocked ? 0.0f : 1.0f;
+        if (blocked) rays[k].share.left = 0.0f;
     }
     if (sheets.empty()) return;
 
     // Rays that are blocked need no share. A product is the same bits in one order only: that of the triangles.
-    std::erase_if(sheets, [&](const CrossedSheet& sheet) { return rays[sheet.ray].transmittance <= 0.0f; });
+    std::erase_if(sheets, [&](const CrossedSheet& sheet) { return rays[sheet.ray].share.left <= 0.0f; });
     std::sort(sheets.begin(), sheets.end(), [](const CrossedSheet& a, const CrossedSheet& b) {
         return std::tie(a.ray, a.object, a.triangle) < std::tie(b.ray, b.object, b.triangle);
     });
     for (CrossedSheet& sheet : sheets) {
         const Sheets& of = state_->sheets[sheet.object];
-        const SheetTriangle& triangle = of.triangles[sheet.triangle];
-        sheet.tile = triangle.tile + triangle.tile_1 * sheet.u + triangle.tile_2 * sheet.v;
-        sheet.direction = f32::cloth_to_local(triangle.frame, rays[sheet.ray].direction);
-        const glm::ivec2 spot = f32::cloth_spot_at(of.maps, sheet.tile);
-        f32::cloth_prefetch_texels(of.maps, spot);
-        f32::cloth_prefetch_horizons(of.maps, spot);
+        find_crossing(sheet, of, rays[sheet.ray].direction);
     }
     for (const CrossedSheet& sheet : sheets)
-        rays[sheet.ray].transmittance *=
+        rays[sheet.ray].share.left *=
             f32::cloth_transmittance(state_->sheets[sheet.object].maps, sheet.tile, sheet.direction, settings);
 }
 
 float RayScene::transmittance(glm::vec3 origin, glm::vec3 direction, float far,
                               const f32::ClothSettings& settings) const
 {
-    ShadowRay ray{origin, direction, far, 0.0f};
+    ShadowRay ray{origin, direction, far, 0.0f, {1.0f, 0.0f}};
     std::vector<CrossedSheet> sheets;
     find_transmittances(&ray, 0, 1, settings, sheets);
-    return ray.transmittance;
+    return ray.share.left;
 }
 
 // ---- the preview's BVH

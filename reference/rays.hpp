@@ -27,8 +27,9 @@ struct PencilRay {
 
 struct ShadowRay {
     glm::vec3 origin, direction;
-    float far;           // in lengths of the direction
-    float transmittance; // answer: share of the light that arrives
+    float far;                    // in lengths of the direction
+    float least;                  // of its roulette: cloth_shadow_roulette; 0: it has none
+    cloth::f32::ClothShare share; // before: what it sets out with; answer: what arrives
 };
 
 // A sheet of cloth that a shadow ray has crossed, until it is known what it lets through.
@@ -61,8 +62,10 @@ class RayScene
     // same surface may it be the other one that is met.
     void closest_together(const PencilRay* rays, std::uint32_t count, RayHit* hits) const;
     // Share of the light that arrives: 0 behind matte, times cloth_transmittance for every sheet of cloth in the way.
-    // Of many rays at once, so that what the maps say of one sheet is on its way while others are looked at.
-    //   together  so many of them, the first, go nearly the same way; the answers' bits do not depend on it
+    // Of many rays at once, so that what the maps say of one sheet is on its way while others are looked at; those with
+    // a roulette, which may be over at any sheet, one by one.
+    //   together  so many of them, the first, go nearly the same way, without roulette; the answers' bits do not depend
+    //             on it
     //   sheets    room to work in, kept from call to call by those who have many
     void find_transmittances(ShadowRay* rays, std::uint32_t together, std::uint32_t count,
                              const cloth::f32::ClothSettings& settings, std::vector<CrossedSheet>& sheets) const;

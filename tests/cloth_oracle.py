@@ -124,13 +124,16 @@ def unscattered(sigma_o, c_o, thickness):
 # ---- the point [4, 6] -----------------------------------------------------------------------------------------------------------
 
 class Point:
-    """11 numbers of a row: normal_f, normal_b, tangent, |N_f|, |N_b|; and 17 of a yarn type."""
+    """11 numbers of a row: normal_f, normal_b, tangent, |N_f|, |N_b|; and 17 of a yarn type. Where the fibres of another yarn bend what
+    is transmitted: their tangent and that slab's thickness."""
 
-    def __init__(self, point, yarn):
+    def __init__(self, point, yarn, t_t=None, thickness_t=None):
         self.n_f, self.n_b, self.t = unit(point[..., 0:3]), unit(point[..., 3:6]), unit(point[..., 6:9])
         self.len_f, self.len_b = point[..., 9], point[..., 10]
         self.a_r, self.a_t, self.kd_r, self.kd_t = yarn[..., 0:3], yarn[..., 3:6], yarn[..., 6:9], yarn[..., 9:12]
         self.alpha_r, self.alpha_t, self.thickness, self.twist, self.mix = (yarn[..., k] for k in range(12, 17))
+        self.t_t = self.t if t_t is None else unit(t_t)
+        self.thickness_t = self.thickness if thickness_t is None else thickness_t
 
 
 def mirror(w):
@@ -153,7 +156,7 @@ def point_value(p, i, o, macro=False):
     s_o = np.where(macro, o[..., 2], c_o)
     s_f, s_b = np.where(macro, np.maximum(i[..., 2], 0), c_f), np.where(macro, np.maximum(-i[..., 2], 0), c_b)
     k_r = slab_reflect(sggx_d_half(i, o, p.t, p.alpha_r), sggx_sigma(i, p.t, p.alpha_r), sggx_sigma(o, p.t, p.alpha_r), s_f, s_o, p.thickness)
-    k_t = slab_transmit(sggx_d_half(i, o, p.t, p.alpha_t), sggx_sigma(i, p.t, p.alpha_t), sggx_sigma(o, p.t, p.alpha_t), s_b, s_o, p.thickness)
+    k_t = slab_transmit(sggx_d_half(i, o, p.t_t, p.alpha_t), sggx_sigma(i, p.t_t, p.alpha_t), sggx_sigma(o, p.t_t, p.alpha_t), s_b, s_o, p.thickness_t)
     over_f, over_b = c_f / np.where(s_f > 0, s_f, 1), c_b / np.where(s_b > 0, s_b, 1)
     spec_r, spec_t = np.where(c_f > 0, k_r / s_o * over_f, 0), np.where(c_b > 0, k_t * p.len_b / (p.len_f * s_o) * over_b, 0)
     reflected = p.a_r * spec_r[..., None] + p.kd_r * diffuse(p.n_f, i, p.mix)[..., None]
@@ -171,7 +174,7 @@ def point_pdf(p, i, o):
     """[6.5] with four lobes: the two slab lobes, Lambert mixes about n_f and n_s above, about n_b and n_s below."""
     w = lobe_weights(p)
     return (w[..., 0] * sggx_d_half(i, o, p.t, p.alpha_r) / (4 * sggx_sigma(o, p.t, p.alpha_r))
-            + w[..., 1] * sggx_d_half(i, o, p.t, p.alpha_t) / (4 * sggx_sigma(o, p.t, p.alpha_t))
+            + w[..., 1] * sggx_d_half(i, o, p.t_t, p.alpha_t) / (4 * sggx_sigma(o, p.t_t, p.alpha_t))
             + w[..., 2] * diffuse(p.n_f, i, p.mix) + w[..., 3] * diffuse(p.n_b, mirror(i), p.mix))
 
 
@@ -179,8 +182,8 @@ def point_sample(p, o, u_lobe, u):
     w = lobe_weights(p)
     edge = np.cumsum(w, -1)
     specular = u_lobe[..., 0] < edge[..., 1]
-    alpha = np.where(u_lobe[..., 0] < edge[..., 0], p.alpha_r, p.alpha_t)
-    m = sggx_sample_vndf(o, p.t, alpha, u)
+    back = u_lobe[..., 0] < edge[..., 0]
+    m = sggx_sample_vndf(o, np.where(back[..., None], p.t, p.t_t), np.where(back, p.alpha_r, p.alpha_t), u)
     i_spec = 2 * dot(o, m)[..., None] * m - o
     above = (u_lobe[..., 0] < edge[..., 2]) | (w[..., 3] <= 0)
     n = np.where(above[..., None], p.n_f, p.n_b)
@@ -299,6 +302,14 @@ class Maps:
         omega = self.yarns[yarn][15] * (1 if side == 0 else -1)
         t = np.cos(omega) * t_p + np.sin(omega) * np.cross(n_f, t_p)
         return np.concatenate([n_f, n_b, t, [len_f, len_b], s, [yarn, self.gap[side][y, x], self.openness[side][y, x]]])
+
+    def bend(self, side, x, y, u):
+        """Fibre tangent, albedo, roughness and thickness of the yarn that bends light on its way through two: the one in front, or for
+        u < 1/2 the one that shows at the back, whose frame is mirrored; drawn half the time, it counts twice."""
+        here = side if u >= 0.5 else 1 - side
+        texel = self.texel(here, x, y)
+        yarn = np.asarray(self.yarns[int(texel[13])])
+        return np.r_[texel[6:9] * [1, 1, 1 if here == side else -1], 2 * yarn[3:6], yarn[13], yarn[14]]
 
     def horizon_at(self, spot):
         """Half-resolution texel of a spot. A full-resolution texel lies 3/4 in its own and 1/4 in the one beside it [8.5]; three of its

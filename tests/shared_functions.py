@@ -344,6 +344,10 @@ def split_point(xs):
     return oracle.Point(xs[:, :11], xs[:, 11:28])
 
 
+def split_beneath(xs):
+    return oracle.Point(xs[:, :11], xs[:, 11:28], xs[:, 35:38], xs[:, 38])
+
+
 @function("point_value", floor=1e-7, strict=True)
 def _():
     return (lambda rng: np.c_[point_inputs(rng), rng.integers(0, 2, N)],
@@ -381,13 +385,20 @@ def _():
         lambda xs: oracle.to_world(oracle.frame(oracle.unit(xs[:, :3])), oracle.cosine_direction(xs[:, 3:5]))
 
 
-def sample_slack(xs):
+def slack_of_sample(p, o, u_lobe, u):
     """The direction's, and the pdf's change by it: at most 4/alpha of itself per radian [D' / D = 4 c / (alpha^2 + c^2)]."""
-    p, o, u = split_point(xs), xs[:, 28:31], xs[:, 33:35]
     low = np.minimum(p.alpha_r, p.alpha_t)
-    turn = np.maximum(stretch_slack(o, p.t, p.alpha_r, u), stretch_slack(o, p.t, p.alpha_t, u))
-    _, pdf = oracle.point_sample(p, o, xs[:, 31:33], u)
+    turn = np.maximum(stretch_slack(o, p.t, p.alpha_r, u), stretch_slack(o, p.t_t, p.alpha_t, u))
+    _, pdf = oracle.point_sample(p, o, u_lobe, u)
     return np.c_[turn, turn, turn, turn * pdf * 4 / low]
+
+
+def sample_slack(xs):
+    return slack_of_sample(split_point(xs), xs[:, 28:31], xs[:, 31:33], xs[:, 33:35])
+
+
+def beneath_slack(xs):
+    return slack_of_sample(split_beneath(xs), xs[:, 31:34], xs[:, 39:41], xs[:, 41:43])
 
 
 @function("point_sample", groups=(3, 1), floor=1e-7, loose=0.02, slack=sample_slack,
@@ -398,6 +409,20 @@ def _():
     def expect(xs):
         i, pdf = oracle.point_sample(split_point(xs), xs[:, 28:31], xs[:, 31:33], xs[:, 33:35])
         return np.c_[i, pdf]
+    return inputs, expect
+
+
+@function("point_beneath", groups=(3, 1, 3, 1), floor=1e-7, loose=0.02, why="as point_sample",
+          slack=lambda xs: np.c_[np.zeros((len(xs), 4)), beneath_slack(xs)])
+def _():
+    """Of two yarns over each other: the lower one bends what passes."""
+    def inputs(rng):
+        xs = point_inputs(rng)
+        return np.c_[xs, rng.integers(0, 2, N), sphere(rng, N), 10 ** rng.uniform(-2, 1, N), units(rng, N, 4)]
+    def expect(xs):
+        p, o = split_beneath(xs), xs[:, 31:34]
+        i, pdf = oracle.point_sample(p, o, xs[:, 39:41], xs[:, 41:43])
+        return np.c_[oracle.point_value(p, xs[:, 28:31], o, xs[:, 34] == 1), oracle.point_pdf(p, xs[:, 28:31], o), i, pdf]
     return inputs, expect
 
 
@@ -621,6 +646,14 @@ def _():
     return inputs, expect
 
 
+@function("bend", tables=True, groups=(3, 3, 1, 1), strict=True)
+def _():
+    def inputs(rng):
+        xs = every_texel(rng)
+        return np.c_[xs, units(rng, len(xs), 1)]
+    return inputs, lambda xs: np.array([MAPS.bend(*map(int, x[:3]), x[3]) for x in xs])
+
+
 @function("transmittance", tables=True, floor=1e-6, loose=0.005, why="a position on a texel's edge belongs to either")
 def _():
     def inputs(rng):
@@ -706,17 +739,17 @@ def _():
         t = triangles(rng, N)
         t[:20, 20:22] = t[:20, 18:20]     # no UV area
         n = oracle.unit(np.cross(t[:, 3:6] - t[:, :3], t[:, 6:9] - t[:, :3]))
-        return np.c_[t, oracle.unit(n + 0.3 * rng.normal(size=(N, 3))), n]
+        return np.c_[t, oracle.unit(n + 0.3 * rng.normal(size=(N, 3)))]
     def expect(xs):
         """x along +u in the plane of the normal; y across it, on the side of +v."""
-        p, t, n, g = xs[:, :9].reshape(-1, 3, 3), xs[:, 18:24].reshape(-1, 3, 2), xs[:, 24:27], xs[:, 27:30]
+        p, t, n = xs[:, :9].reshape(-1, 3, 3), xs[:, 18:24].reshape(-1, 3, 2), xs[:, 24:27]
         d = np.stack([t[:, 1] - t[:, 0], t[:, 2] - t[:, 0]], 1)
         e = np.stack([p[:, 1] - p[:, 0], p[:, 2] - p[:, 0]], 1)
         flat = (d[:, 0, 0] * d[:, 1, 1] - d[:, 1, 0] * d[:, 0, 1]) == 0
         jacobian = np.linalg.solve(np.where(flat[:, None, None], np.eye(2), d), e)      # rows dp/du, dp/dv
         x = jacobian[:, 0] - n * oracle.dot(n, jacobian[:, 0])[:, None]
         x = oracle.unit(x)
-        handed = np.sign(oracle.dot(np.cross(jacobian[:, 0], jacobian[:, 1]), g))[:, None]
+        handed = np.sign(oracle.dot(np.cross(jacobian[:, 0], jacobian[:, 1]), np.cross(e[:, 0], e[:, 1])))[:, None]
         frame = np.concatenate([x, np.cross(n, x) * handed, n], -1)
         return np.where(flat[:, None], oracle.frame(n).reshape(-1, 9), frame)
     return inputs, expect
@@ -757,7 +790,7 @@ def _():
         n = oracle.unit(normals[:, 0] * (1 - b.sum(-1))[:, None] + normals[:, 1] * b[:, :1] + normals[:, 2] * b[:, 1:])
         n = np.where((oracle.dot(n, front) < 0)[:, None], -n, n)
         n = np.where((oracle.dot(n, wo) * flip[:, 0] <= 1e-4)[:, None], front, n)
-        frame = FUNCTIONS["uv_frame"].expect(np.c_[xs[:, :24], n, front]).reshape(-1, 3, 3)
+        frame = FUNCTIONS["uv_frame"].expect(np.c_[xs[:, :24], n]).reshape(-1, 3, 3)
         frame[:, 2] *= flip
         local = oracle.to_local(frame, wo)
         local[:, 2] = np.maximum(local[:, 2], 1e-6)

@@ -43,12 +43,12 @@ CLOTH_FN void out_word(int k, uint word)
 
 CLOTH_FN ClothPoint in_point(int k)   // 11
 {
-    return ClothPoint(in3(k), in3(k + 3), in3(k + 6), in1(k + 9), in1(k + 10));
+    return ClothPoint(in3(k), in3(k + 3), in3(k + 6), in3(k + 6), in1(k + 9), in1(k + 10));
 }
 
 CLOTH_FN ClothYarn in_yarn(int k)   // 17
 {
-    return ClothYarn(in3(k), in3(k + 3), in3(k + 6), in3(k + 9), in1(k + 12), in1(k + 13), in1(k + 14), in1(k + 15), in1(k + 16), real3(real(0)), real3(real(0)), real3(real(0)), real(0));
+    return ClothYarn(in3(k), in3(k + 3), in3(k + 6), in3(k + 9), in1(k + 12), in1(k + 13), in1(k + 14), in1(k + 15), in1(k + 16), real3(real(0)), real3(real(0)), real3(real(0)), real(0), in1(k + 14));
 }
 
 CLOTH_FN ClothTriangle in_triangle(int k)   // 24

@@ -21,6 +21,7 @@ ROW(lobe_weights, 17, 4, real4 w = cloth_lobe_weights(in_yarn(0)); out2(0, real2
 ROW(point_pdf, 34, 1, out1(0, cloth_point_pdf(in_point(0), in_yarn(11), in3(28), in3(31)));)
 ROW(cosine_sample, 5, 3, out3(0, cloth_cosine_sample(in3(0), in2(3)));)
 ROW(point_sample, 35, 4, ClothSample s = cloth_point_sample(in_point(0), in_yarn(11), in3(28), in2(31), in2(33)); out3(0, s.wi); out1(3, s.pdf);)
+ROW(point_beneath, 43, 8, ClothPoint p = in_point(0); p.tangent_t = in3(35); ClothYarn y = in_yarn(11); y.thickness_t = in1(38); out3(0, cloth_point_value(p, y, in3(28), in3(31), in_int(34))); out1(3, cloth_point_pdf(p, y, in3(28), in3(31))); ClothSample s = cloth_point_sample(p, y, in3(31), in2(39), in2(41)); out3(4, s.wi); out1(7, s.pdf);)
 
 // ---- cloth_metal.h
 ROW(ggx_d, 4, 1, out1(0, cloth_ggx_d(in3(0), in1(3)));)
@@ -47,6 +48,7 @@ ROW(horizon_at, 2, 2, ivec2 cell = cloth_horizon_at(in_maps(), ivec2(in_int(0), 
 ROW(mean_slopes, 4, 2, out2(0, cloth_mean_slopes(in_maps(), in_int(0), in2(1), in_int(3)));)
 ROW(area_from_mips, 10, 1, out1(0, cloth_area_from_mips(in_maps(), in_int(0), in_footprint(1), in3(7)));)
 ROW(select, 18, 18, ClothSelection s = cloth_select(in_maps(), in_int(0), in_footprint(1), in3(7), ClothSettings(in_int(10), in_int(11) + 1, in_int(12), cloth_slab_ply, false, false, false), ClothRandom(in_word(13), in_word(15), uint(in_int(17)))); out1(0, s.passes ? real(1) : real(0)); out1(1, s.passes ? real(0) : s.weight); if (!s.passes) { out_texel(2, s.texel); } else { for (int k = 2; k < 18; ++k) { out1(k, real(0)); } })
+ROW(bend, 4, 8, ivec2 xy = ivec2(in_int(1), in_int(2)); ClothSelection s; s.passes = false; s.weight = real(1); s.side = in_int(0); s.spot = xy * 4; s.texel = cloth_texel(in_maps(), s.side, xy, ivec2(0, 0), false); s.yarn = cloth_fetch_yarn(in_maps(), s.texel.yarn); s = cloth_bend(in_maps(), s, xy, ivec2(0, 0), false, in1(3)); out3(0, s.texel.point.tangent_t); out3(3, s.yarn.albedo_t); out1(6, s.yarn.alpha_t); out1(7, s.yarn.thickness_t);)
 ROW(transmittance, 8, 1, out1(0, cloth_transmittance(in_maps(), in2(0), in3(2), ClothSettings(in_int(5), cloth_weight_tile, in_int(6), cloth_slab_ply, in_int(7) != 0, false, false)));)
 ROW(noise, 6, 1, out1(0, cloth_noise(uvec2(in_word(0), in_word(2)), in2(4)));)
 
@@ -55,7 +57,7 @@ ROW(camera_ray, 16, 12, ClothRay r = cloth_camera_ray(ClothCamera(in3(0), in3(3)
 ROW(lens_camera, 18, 6, ClothCamera c = cloth_lens_camera(ClothCamera(in3(0), in3(3), in3(6), in3(9), in2(12)), ClothLens(in1(14), in1(15)), in2(16)); out3(0, c.position); out3(3, c.forward);)
 ROW(filter_offset, 3, 2, out2(0, cloth_filter_offset(in_int(0), in2(1)));)
 ROW(barycentric, 27, 2, out2(0, cloth_barycentric(in_triangle(0), in3(24)));)
-ROW(uv_frame, 30, 9, out_frame(0, cloth_uv_frame(in_triangle(0), in3(24), in3(27)));)
+ROW(uv_frame, 27, 9, out_frame(0, cloth_uv_frame(cloth_facet(in_triangle(0)), in3(24)));)
 ROW(surface, 36, 25, ClothSurface s = cloth_surface(in_triangle(0), in_ray(24)); out3(0, s.position); out3(3, s.normal_g); out_frame(6, s.frame); out3(15, s.wo); out2(18, s.tile); out2(20, s.tile_dx); out2(22, s.tile_dy); out1(24, real(s.side));)
 ROW(leave, 6, 3, out3(0, cloth_leave(in3(0), in3(3)));)
 

@@ -53,7 +53,7 @@ PLANE = {"lights": [SUN, {"type": "point", "position": [1, 1, 1], "intensity": [
 
 
 @pytest.mark.parametrize("scene, skips", [
-    (SPHERE, {"fabric", "gaps", "shadows", "lights", "model", "noise", "interreflection"}),
+    (SPHERE, {"fabric", "gaps", "shadows", "lights", "model", "noise", "interreflection", "stacks"}),
     (PLANE, {"shadows"}),
     ("plane_plain", {"matte", "shadows", "lights", "model"}),
     ("cylinder_satin", {"matte", "shadows", "lights"}),
@@ -68,14 +68,14 @@ def test_the_program_that_can_do_everything_draws_the_same_bits(preview, scene, 
     assert_same_bits(picture, everything)
 
 
-@pytest.mark.parametrize("name", ["fabric", "gaps", "interreflection", "lights", "matte", "model", "noise", "shadows"])
+@pytest.mark.parametrize("name", ["fabric", "gaps", "interreflection", "lights", "matte", "model", "noise", "shadows", "stacks"])
 def test_each_skip_alone_changes_no_bit(preview, name):
     """A plane of opaque cloth without noise leaves out all but what it is made of."""
     yarn = {"spacing": 0.001, "width": 0.0012, "thickness": 20}
     cloth = {"name": "cloth", "pattern": "plain 1/1", "resolution": 64, "warp": yarn, "weft": yarn, "irregularity": {"twist": 0}}
     scene = {"lights": [SUN], "model": {"unscattered": False},
              "objects": [{"shape": "plane", "rotate": [60, 0, 0], "scale": 2, "fabric": cloth, "uv_scale": 0.02}]}
-    if name in ("fabric", "interreflection"):
+    if name in ("fabric", "interreflection", "stacks"):
         scene = SPHERE
     if name == "gaps":   # every cloth has some: two bodies without, so that shadow rays have something to meet
         scene = SPHERE | {"objects": SPHERE["objects"] + [{"shape": "sphere", "scale": 0.4, "translate": [-0.8, 0.9, 0.9]} | MATTE]}

@@ -136,6 +136,21 @@ def test_point_samples_follow_their_pdf(point, yarn, build, evaluator):
     assert p > SIGNIFICANCE, f"p = {p:.2g}"
 
 
+@pytest.mark.parametrize("point", POINTS)
+def test_samples_of_a_yarn_beneath_follow_their_pdf(point, build, evaluator):
+    """Where another yarn bends what passes, its fibres run another way than those that reflect."""
+    def run(i, u):
+        rest = np.r_[0, oracle.unit(np.array([0.3, 1, -0.4])), 2.5]   # slab's cosines of the ply, fibre tangent, thickness
+        return evaluator.run(build, "point_beneath", np.c_[point_rows(POINTS[point], YARNS["all"], i, VIEW), tile(rest, len(i)), u])
+    rng = np.random.default_rng(15)
+    s = run(tile(VIEW, SAMPLES), np.c_[stratified(rng, SAMPLES), stratified(rng, SAMPLES)])
+    i, pdf = s[:, 4:7], s[:, 7]
+    assert (pdf > 0).all()
+    assert np.allclose(run(i, np.full((len(i), 4), .5))[:, 3], pdf, rtol=1e-9 if build == "f64" else 1e-3)
+    p, mass = chi_square(i, lambda w: run(w, np.full((len(w), 4), .5))[:, 3])
+    assert abs(mass - 1) < 2e-3 and p > SIGNIFICANCE, (mass, p)
+
+
 @pytest.mark.parametrize("yarn", YARNS)
 @pytest.mark.parametrize("point", POINTS)
 def test_sample_weights_give_the_integral_of_the_value(point, yarn, build, evaluator, record_property):

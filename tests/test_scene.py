@@ -257,16 +257,16 @@ def test_the_highlight_of_satin_turns_with_the_cloth(tmp_path):
 
 def test_light_through_satin_makes_a_cross_along_the_yarns(tmp_path):
     """The paper's figure 2b. A ring around the light: along the yarns it is brighter than between them, by about as much as the plies
-    say: within a tenth, but for light that the weft behind the warp has bent, which a stack sends on without direction (docs/model.md)."""
+    say. The arm along the warp is made by the weft behind it, which bends what the warp lets pass (docs/model.md)."""
     y, x = np.mgrid[0:64, 0:64] - 31.5
     ring, angle = (np.hypot(x, y) > 16) & (np.hypot(x, y) < 28), np.degrees(np.arctan2(np.abs(y), np.abs(x)))
     def parts(*options):   # along the weft, between, along the warp
         picture = luminance(tmp_path, SCENES[0].parent / "backlight_satin.json", 64, 64, *options)[0]
         return np.array([picture[ring & (angle > low) & (angle < low + 10)].mean() for low in (0, 40, 80)])
     ours, plies = parts(), parts("--model", "plies")
-    assert ours[0] > 1.3 * ours[1] and ours[2] > ours[1], ours
+    assert ours[0] > 1.5 * ours[1] and ours[2] > 1.15 * ours[1], ours
     assert ours[0] > 1.1 * ours[2], "the warp covers four fifths of the face: light that it scatters lies across it"
-    assert (abs(ours / plies - 1) < (.1, .1, .3)).all(), (ours, plies)
+    assert (abs(ours / plies - 1) < (.1, .1, .15)).all(), (ours, plies)
 
 
 def test_gaps_close_where_cloth_is_seen_at_a_grazing_angle(tmp_path):

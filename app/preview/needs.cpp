@@ -141,7 +141,7 @@ const std::vector<std::string>& skip_names()
 {
     static const std::vector<std::string> names = {"bounces",         "emitters", "fabric", "gaps",
                                                    "interreflection", "lights",   "matte",  "metal",
-                                                   "model",           "noise",    "shadows"};
+                                                   "model",           "noise",    "shadows", "stacks"};
     return names;
 }
 
@@ -180,6 +180,11 @@ Needs Needs::of(const Scene& scene, const BlockingShape& shape, const CameraSpec
                      return std::all_of(f.yarns.begin(), f.yarns.end(), gives_nothing);
                  })))
         needs.model.interreflection = false;
+    // No second lobe of what passes, where no two yarns lie over each other or nothing passes them bent.
+    const auto bends_nothing = [](const ClothYarn& y) { return y.beneath <= 0 || y.albedo_t == glm::vec3(0); };
+    needs.stacks = !left_out("stacks", every_fabric([&](const PackedFabric& f) {
+        return std::all_of(f.yarns.begin(), f.yarns.end(), bends_nothing);
+    }));
     needs.compiled_model = left_out("model", true);
 
     for (const ClothLight& light : scene.lights) needs.light_kinds |= 1 << light.kind;
@@ -224,6 +229,7 @@ std::vector<std::string> Needs::defines() const
     std::vector<std::string> list = model_defines();
     list.push_back("CLOTH_LIGHT_KINDS " + std::to_string(light_kinds));
     list.push_back(metal ? "CLOTH_METAL 1" : "CLOTH_METAL 0");
+    list.push_back(stacks ? "CLOTH_STACKS 1" : "CLOTH_STACKS 0");
     const std::pair<const char*, bool> parts[] = {{"FABRIC", fabric},
                                                   {"GAPS", gaps},
                                                   {"FOOTPRINT", several_points},

@@ -32,6 +32,7 @@ const std::vector<std::string>& skip_names();
 
 struct Needs {
     bool fabric = false, gaps = false, matte = false;
+    bool stacks = false;                  // yarns that lie over each other and bend light on its way through
     bool metal = false, emitters = false; // of objects without fabric
     bool several_points = false;          // shaded points of a pixel in a frame
     bool compiled_model = true; // the model's settings are constants of the shader, not numbers in the frame's block

@@ -35,7 +35,7 @@ f32::ClothYarn yarn_of(float albedo, float diffuse_r, float diffuse_t, float thi
     yarn.diffuse_t = glm::vec3(diffuse_t);
     yarn.alpha_r = 0.3f;
     yarn.alpha_t = 0.4f;
-    yarn.thickness = thickness;
+    yarn.thickness = yarn.thickness_t = thickness;
     yarn.diffuse_mix = 1;
     return yarn;
 }
@@ -216,7 +216,7 @@ TEST_CASE("plies: one straight tube in the sun shows its point BSDF, lit from be
     yarn64.albedo_r = yarn.albedo_r, yarn64.albedo_t = yarn.albedo_t;
     yarn64.diffuse_r = yarn.diffuse_r, yarn64.diffuse_t = yarn.diffuse_t;
     yarn64.alpha_r = double(yarn.alpha_r), yarn64.alpha_t = double(yarn.alpha_t);
-    yarn64.thickness = double(yarn.thickness);
+    yarn64.thickness = yarn64.thickness_t = double(yarn.thickness);
     yarn64.diffuse_mix = 1;
     Scene scene = swatch(one_tube, {1, 41}, yarn);
     for (const glm::dvec3 sun : {direction(30, 150), direction(140, 70), direction(110, 20)}) {
@@ -227,7 +227,8 @@ TEST_CASE("plies: one straight tube in the sun shows its point BSDF, lit from be
         constexpr int steps = 4096;
         for (int k = 0; k < steps; ++k) {
             const f64::ClothFrame frame = f64::cloth_frame(normal_of_tube(o, (2 * (k + 0.5) / steps) - 1));
-            const f64::ClothPoint point{{0, 0, 1}, {0, 0, 1}, f64::cloth_to_local(frame, glm::dvec3(0, 1, 0)), 1, 1};
+            const glm::dvec3 fibre = f64::cloth_to_local(frame, glm::dvec3(0, 1, 0));
+            const f64::ClothPoint point{{0, 0, 1}, {0, 0, 1}, fibre, fibre, 1, 1};
             expected += f64::cloth_point_value(point, yarn64, f64::cloth_to_local(frame, sun),
                                                f64::cloth_to_local(frame, o), f64::cloth_slab_ply)
                             .y /

@@ -65,7 +65,8 @@ TEST_CASE("samples of a shaded point give the integral of its value, light betwe
     ClothSelection selection{};
     const glm::dvec3 area(-1.5, 0.4, 1);
     selection.weight = 1;
-    selection.texel.point = {glm::normalize(area), glm::normalize(area), glm::dvec3(0, 1, 0), glm::length(area),
+    const glm::dvec3 fibre(0, 1, 0);
+    selection.texel.point = {glm::normalize(area), glm::normalize(area), fibre, fibre, glm::length(area),
                              glm::length(area)};
     selection.texel.openness_f = 0.4;
     selection.texel.openness_b = 0.3;
@@ -81,7 +82,8 @@ TEST_CASE("samples of a shaded point give the integral of its value, light betwe
                       glm::dvec3(0.6),
                       glm::dvec3(0.3),
                       glm::dvec3(0.95),
-                      0};
+                      0,
+                      2};
     const glm::dvec3 o = glm::normalize(glm::dvec3(-0.3, 0.1, 0.8));
     for (const double albedo : {0.0, 0.2}) {
         selection.yarn.albedo_r = selection.yarn.albedo_t = glm::dvec3(albedo);

@@ -840,6 +840,7 @@ const char* const signatures[] = {
     "point_pdf: point yarn light viewer > positive",
     "cosine_sample: direction u u > unit",
     "point_sample: point yarn viewer u u u u > unit positive",
+    "point_beneath: point yarn light viewer bool direction thickness u u u u > colour positive unit positive",
     "ggx_d: direction metal_alpha > positive",
     "ggx_stretch: direction metal_alpha > positive",
     "fresnel_schlick: share_colour part > share share share",
@@ -861,13 +862,14 @@ const char* const signatures[] = {
     "select: side footprint viewer bool three three word word offset > whole positive unit unit unit positive positive "
     "pair "
     "whole whole share",
+    "bend: side texel u > unit colour positive positive",
     "transmittance: tile direction bool three bool > positive",
     "noise: word word u u > number",
     "camera_ray: camera raster > vector vector vector vector",
     "lens_camera: camera lens u u > vector vector",
     "filter_offset: bool u u > pair",
     "barycentric: triangle position > pair",
-    "uv_frame: triangle direction geometric > unit unit unit",
+    "uv_frame: triangle direction > unit unit unit",
     "surface: triangle ray > vector unit unit unit unit unit tiles tiles tiles whole",
     "leave: position direction > vector",
     "environment_direction: u u angle > unit",
