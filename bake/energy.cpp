@@ -135,8 +135,8 @@ cloth::f32::ClothYarn shade_yarn(const YarnSpec& spec, glm::vec3 tint, const Sla
     return yarn;
 }
 
-// Most that a slab lets through bent, in a channel of albedo 1, of what is seen from rows of the same angle as this one: the fibres of
-// the yarn above it run another way.
+// Most that a slab lets through bent, in a channel of albedo 1, of what is seen from rows of the same angle as this
+// one: the fibres of the yarn above it run another way.
 static double bent(const SlabTable& slab, std::size_t row)
 {
     const std::size_t first = row - row % SlabTable::turns;
@@ -145,8 +145,8 @@ static double bent(const SlabTable& slab, std::size_t row)
     return most;
 }
 
-// What a channel of two yarns has left at every angle for light that leaves their upper side or passes, beside what is reflected
-// there and what meets no fibre: the least of it over what the lobes would have.
+// What a channel of two yarns has left at every angle for light that leaves their upper side or passes, beside what is
+// reflected there and what meets no fibre: the least of it over what the lobes would have.
 static double room_for_lobes(const cloth::f32::ClothYarn& upper, const SlabTable& upper_slab,
                              const cloth::f32::ClothYarn& lower, const SlabTable& lower_slab, int c, glm::dvec2 lobes)
 {

@@ -964,6 +964,19 @@ def _():
     return lambda rng: light_inputs(rng, True), expect
 
 
+@function("shadow_roulette", loose=0.005, why="a choice at its edge falls either way")
+def _():
+    def inputs(rng):
+        least = np.where(rng.random(N) < .2, 0, 10 ** rng.uniform(-3, .5, N))
+        return np.c_[rng.random(N) * rng.integers(0, 5, N).clip(0, 1) * 1.2, units(rng, N, 1), least]
+    def expect(xs):
+        left, u, least = xs.T
+        falls = left < least
+        p = np.where(falls, left / np.where(falls, least, 1), 1)
+        return np.c_[np.where(falls, np.where(u < p, least, 0), left), np.where(u < p, u / np.where(p > 0, p, 1), u)]
+    return inputs, expect
+
+
 @function("choose_light", tables=True, floor=1.0, loose=0.005, why="a choice at its edge falls either way")
 def _():
     def expect(xs):

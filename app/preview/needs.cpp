@@ -139,8 +139,8 @@ static bool in_front_of_any(const Scene& scene, glm::dvec3 point)
 
 const std::vector<std::string>& skip_names()
 {
-    static const std::vector<std::string> names = {"bounces",         "emitters", "fabric", "gaps",
-                                                   "interreflection", "lights",   "matte",  "metal",
+    static const std::vector<std::string> names = {"bounces",         "emitters", "fabric",  "gaps",
+                                                   "interreflection", "lights",   "matte",   "metal",
                                                    "model",           "noise",    "shadows", "stacks"};
     return names;
 }
@@ -183,8 +183,8 @@ Needs Needs::of(const Scene& scene, const BlockingShape& shape, const CameraSpec
     // No second lobe of what passes, where no two yarns lie over each other or nothing passes them bent.
     const auto bends_nothing = [](const ClothYarn& y) { return y.beneath <= 0 || y.albedo_t == glm::vec3(0); };
     needs.stacks = !left_out("stacks", every_fabric([&](const PackedFabric& f) {
-        return std::all_of(f.yarns.begin(), f.yarns.end(), bends_nothing);
-    }));
+                                 return std::all_of(f.yarns.begin(), f.yarns.end(), bends_nothing);
+                             }));
     needs.compiled_model = left_out("model", true);
 
     for (const ClothLight& light : scene.lights) needs.light_kinds |= 1 << light.kind;

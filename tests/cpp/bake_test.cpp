@@ -652,8 +652,7 @@ TEST_CASE("two yarns over each other are two layers that light goes to and fro b
                 const double wide = double(roughness);
                 const glm::dvec3 slab = slab_albedo(wide, wide, double(thickness), std::cos(glm::radians(angle)), 0.37);
                 CHECK(double(stack.albedo_r.x) * slab.x + double(stack.albedo_t.x + yarns_here[3].albedo_t.x) * slab.y +
-                          slab.z * slab.z +
-                          double(stack.diffuse_r.x + stack.diffuse_t.x) <=
+                          slab.z * slab.z + double(stack.diffuse_r.x + stack.diffuse_t.x) <=
                       1.002);
             }
         }

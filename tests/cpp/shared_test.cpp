@@ -66,8 +66,8 @@ TEST_CASE("samples of a shaded point give the integral of its value, light betwe
     const glm::dvec3 area(-1.5, 0.4, 1);
     selection.weight = 1;
     const glm::dvec3 fibre(0, 1, 0);
-    selection.texel.point = {glm::normalize(area), glm::normalize(area), fibre, fibre, glm::length(area),
-                             glm::length(area)};
+    selection.texel.point = {glm::normalize(area), glm::normalize(area), fibre, fibre,
+                             glm::length(area),    glm::length(area)};
     selection.texel.openness_f = 0.4;
     selection.texel.openness_b = 0.3;
     selection.yarn = {glm::dvec3(0),
