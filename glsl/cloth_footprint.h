@@ -215,21 +215,24 @@ CLOTH_FN real cloth_clears(real v, real unscattered)
 #define CLOTH_STACKS 1
 #endif
 
+// Fibres that bend light on its way through a point.
+struct ClothBend {
+    real3 tangent;
+    real3 albedo;
+    real alpha;
+    real thickness;
+};
+
 // Of two yarns over each other either one bends what the other lets pass [model.md]: one of the two is drawn, and counts twice. The
 // texel of the back names the same two from the other side, and so the lobe of the lower one.
-//   xy, tile  of the point's texel;  u  [0, 1)
-CLOTH_FN ClothSelection cloth_bend(CLOTH_IN(ClothMaps) maps, ClothSelection point, ivec2 xy, ivec2 tile, bool noise, real u)
+//   texel, yarn, side  of the point;  xy, tile  its place;  u  [0, 1)
+CLOTH_FN ClothBend cloth_bend(CLOTH_IN(ClothMaps) maps, CLOTH_IN(ClothTexel) texel, CLOTH_IN(ClothYarn) yarn, int side, ivec2 xy, ivec2 tile,
+                              bool noise, real u)
 {
-    if (u < real(0.5)) {
-        ClothTexel below = cloth_texel(maps, 1 - point.side, xy, tile, noise);
-        ClothYarn lower  = cloth_fetch_yarn(maps, below.yarn);
-        point.texel.point.tangent_t = cloth_mirror(below.point.tangent);
-        point.yarn.albedo_t         = lower.albedo_t;
-        point.yarn.alpha_t          = lower.alpha_t;
-        point.yarn.thickness_t      = lower.thickness;
-    }
-    point.yarn.albedo_t = point.yarn.albedo_t * real(2);
-    return point;
+    if (u >= real(0.5)) return ClothBend(texel.point.tangent, yarn.albedo_t * real(2), yarn.alpha_t, yarn.thickness);
+    ClothTexel below = cloth_texel(maps, 1 - side, xy, tile, noise);
+    ClothYarn lower  = cloth_fetch_yarn(maps, below.yarn);
+    return ClothBend(cloth_mirror(below.point.tangent), lower.albedo_t * real(2), lower.alpha_t, lower.thickness);
 }
 
 // What the ray meets at a found point.
@@ -275,8 +278,14 @@ CLOTH_FN ClothSelection cloth_meet(CLOTH_IN(ClothMaps) maps, int side, ClothFoot
     if (!result.texel.gap && !result.passes)
         result.weight = u < through ? real(0) : result.weight / max(real(1) - through, real(1e-3));
     // Of u that decided so far, what is left is uniform.
-    if (CLOTH_STACKS != 0 && result.yarn.beneath > real(0) && !result.texel.gap && !result.passes && result.weight > real(0))
-        return cloth_bend(maps, result, place.spot >> 2, repeat, settings.twist_noise, (u - through) / max(real(1) - through, real(1e-3)));
+    if (CLOTH_STACKS != 0 && result.yarn.beneath > real(0) && !result.texel.gap && !result.passes && result.weight > real(0)) {
+        ClothBend bend = cloth_bend(maps, result.texel, result.yarn, side, place.spot >> 2, repeat, settings.twist_noise,
+                                    (u - through) / max(real(1) - through, real(1e-3)));
+        result.texel.point.tangent_t = bend.tangent;
+        result.yarn.albedo_t         = bend.albedo;
+        result.yarn.alpha_t          = bend.alpha;
+        result.yarn.thickness_t      = bend.thickness;
+    }
     return result;
 }
 

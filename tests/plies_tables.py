@@ -35,13 +35,14 @@ one, to reciprocity, and to the white furnace.
 
 Where it is another model than the surface's, and not only a more exact one:
 
-- Where two yarns lie over each other the surface model adds them up by their means over directions (`stacked`,
+- Where two yarns lie over each other the surface model adds them up by their means over directions, but for what
+  one of them bends and the other lets pass unscattered (`stacked`,
   [model.md](model.md)); *unstacked* takes the whole cloth at a texel for one slab (math.md 5.1). Here light crosses the yarn in front,
   then the one behind it, and goes to and fro between them, each time by the lobes.
 - There, up and down of the cloth decide what is reflection and what transmission; here the ply's own normal does. On the flanks
   of a yarn light may so be reflected downwards, where the surface has a transmission lobe about the normal of the back.
 - There, walls between yarns are ramps no steeper than the slopes that can be stored; here they are the undersides of tubes.
-- There, transmission takes the fibre tangent of the side that is looked at, here that of the bend.
+- There, transmission takes the fibre tangent of the side that is looked at or, of two yarns, of either; here that of the bend.
 - `diffuse_mix` below 1 has no meaning here: there is no macroscopic normal. Open ends of tubes at the edge of a swatch can be looked into.
 
 ## How it was measured

@@ -48,7 +48,7 @@ ROW(horizon_at, 2, 2, ivec2 cell = cloth_horizon_at(in_maps(), ivec2(in_int(0), 
 ROW(mean_slopes, 4, 2, out2(0, cloth_mean_slopes(in_maps(), in_int(0), in2(1), in_int(3)));)
 ROW(area_from_mips, 10, 1, out1(0, cloth_area_from_mips(in_maps(), in_int(0), in_footprint(1), in3(7)));)
 ROW(select, 18, 18, ClothSelection s = cloth_select(in_maps(), in_int(0), in_footprint(1), in3(7), ClothSettings(in_int(10), in_int(11) + 1, in_int(12), cloth_slab_ply, false, false, false), ClothRandom(in_word(13), in_word(15), uint(in_int(17)))); out1(0, s.passes ? real(1) : real(0)); out1(1, s.passes ? real(0) : s.weight); if (!s.passes) { out_texel(2, s.texel); } else { for (int k = 2; k < 18; ++k) { out1(k, real(0)); } })
-ROW(bend, 4, 8, ivec2 xy = ivec2(in_int(1), in_int(2)); ClothSelection s; s.passes = false; s.weight = real(1); s.side = in_int(0); s.spot = xy * 4; s.texel = cloth_texel(in_maps(), s.side, xy, ivec2(0, 0), false); s.yarn = cloth_fetch_yarn(in_maps(), s.texel.yarn); s = cloth_bend(in_maps(), s, xy, ivec2(0, 0), false, in1(3)); out3(0, s.texel.point.tangent_t); out3(3, s.yarn.albedo_t); out1(6, s.yarn.alpha_t); out1(7, s.yarn.thickness_t);)
+ROW(bend, 4, 8, ivec2 xy = ivec2(in_int(1), in_int(2)); ClothTexel t = cloth_texel(in_maps(), in_int(0), xy, ivec2(0, 0), false); ClothBend b = cloth_bend(in_maps(), t, cloth_fetch_yarn(in_maps(), t.yarn), in_int(0), xy, ivec2(0, 0), false, in1(3)); out3(0, b.tangent); out3(3, b.albedo); out1(6, b.alpha); out1(7, b.thickness);)
 ROW(transmittance, 8, 1, out1(0, cloth_transmittance(in_maps(), in2(0), in3(2), ClothSettings(in_int(5), cloth_weight_tile, in_int(6), cloth_slab_ply, in_int(7) != 0, false, false)));)
 ROW(noise, 6, 1, out1(0, cloth_noise(uvec2(in_word(0), in_word(2)), in2(4)));)
 
