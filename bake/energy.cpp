@@ -145,19 +145,30 @@ static double bent(const SlabTable& slab, std::size_t row)
     return most;
 }
 
-// What a channel of two yarns has left at every angle for light that leaves their upper side or passes, beside what is
-// reflected there and what meets no fibre: the least of it over what the lobes would have.
-static double room_for_lobes(const cloth::f32::ClothYarn& upper, const SlabTable& upper_slab,
+// What a channel of two yarns has left of light that is seen from a row's direction, beside what the upper one reflects
+// and what meets no fibre.
+static double room_beside(const cloth::f32::ClothYarn& upper, const cloth::f32::ClothYarn& lower,
+                          const SlabTable::Row& row, int c)
+{
+    return 1 - double(upper.diffuse_r[c]) - double(upper.albedo_r[c]) * row.albedo.x -
+           std::pow(row.albedo.z, 1 + double(lower.thickness) / double(upper.thickness));
+}
+
+// What the lobes of two yarns send to a row's direction.
+static double lobes_at(const SlabTable& upper_slab, const SlabTable& lower_slab, std::size_t row, glm::dvec2 lobes)
+{
+    return lobes.x * upper_slab.rows[row].albedo.y + lobes.y * bent(lower_slab, row);
+}
+
+// The part of the lobes that there is room for at every angle.
+static double part_with_room(const cloth::f32::ClothYarn& upper, const SlabTable& upper_slab,
                              const cloth::f32::ClothYarn& lower, const SlabTable& lower_slab, int c, glm::dvec2 lobes)
 {
-    double least = 1;
-    for (std::size_t k = 0; k < std::size(upper_slab.rows); ++k) {
-        const glm::dvec3 albedo = upper_slab.rows[k].albedo;
-        const double room = 1 - double(upper.diffuse_r[c]) - double(upper.albedo_r[c]) * albedo.x -
-                            std::pow(albedo.z, 1 + double(lower.thickness) / double(upper.thickness));
-        least = std::min(least, room / std::max(lobes.x * albedo.y + lobes.y * bent(lower_slab, k), 1e-9));
-    }
-    return std::max(least, 0.0);
+    double part = 1;
+    for (std::size_t k = 0; k < std::size(upper_slab.rows); ++k)
+        part = std::min(part, room_beside(upper, lower, upper_slab.rows[k], c) /
+                                  std::max(lobes_at(upper_slab, lower_slab, k, lobes), 1e-9));
+    return std::max(part, 0.0);
 }
 
 cloth::f32::ClothYarn stack_yarns(const cloth::f32::ClothYarn& upper, const SlabTable& upper_slab,
@@ -172,18 +183,15 @@ cloth::f32::ClothYarn stack_yarns(const cloth::f32::ClothYarn& upper, const Slab
         const double back = t * t * r_lower * between;
         // What either yarn bends and the other lets pass without meeting a fibre. The same from both sides.
         glm::dvec2 lobes(double(upper.albedo_t[c]) * u_lower, double(lower.albedo_t[c]) * u);
-        lobes *= std::min(room_for_lobes(upper, upper_slab, lower, lower_slab, c, lobes),
-                          room_for_lobes(lower, lower_slab, upper, upper_slab, c, {lobes.y, lobes.x}));
+        lobes *= std::min(part_with_room(upper, upper_slab, lower, lower_slab, c, lobes),
+                          part_with_room(lower, lower_slab, upper, upper_slab, c, {lobes.y, lobes.x}));
         const double lobe_mean = lobes.x * upper_slab.mean.y + lobes.y * lower_slab.mean.y;
         const double through = std::max(t * t_lower * between - u * u_lower - lobe_mean, 0.0);
         // Both are means over directions, too.
         double room = 1;
-        for (std::size_t k = 0; k < std::size(upper_slab.rows); ++k) {
-            const glm::dvec3 albedo = upper_slab.rows[k].albedo;
-            room = std::min(room, 1 - double(upper.diffuse_r[c]) - double(upper.albedo_r[c]) * albedo.x -
-                                      lobes.x * albedo.y - lobes.y * bent(lower_slab, k) -
-                                      std::pow(albedo.z, 1 + double(lower.thickness) / double(upper.thickness)));
-        }
+        for (std::size_t k = 0; k < std::size(upper_slab.rows); ++k)
+            room = std::min(room, room_beside(upper, lower, upper_slab.rows[k], c) -
+                                      lobes_at(upper_slab, lower_slab, k, lobes));
         const double scale = std::clamp(room / std::max(back + through, 1e-9), 0.0, 1.0);
         stack.albedo_t[c] = float(lobes.x);
         stack.diffuse_t[c] = float(scale * through);

@@ -445,7 +445,6 @@ void Renderer::add_direct_light(Batch& batch, Counters& counters) const
             query.share = f32::cloth_shadow_roulette(query.share, query.least);
             if (query.share.left <= 0.0f) {
                 batch.first_light[way][lane] = glm::vec3(0.0f);
-                ++counters.rays_saved;
                 continue;
             }
             batch.lit[lit++] = {lane, way, small, query, 0};

@@ -272,10 +272,7 @@ void RayScene::find_transmittances(ShadowRay* rays, std::uint32_t together, std:
     std::sort(sheets.begin(), sheets.end(), [](const CrossedSheet& a, const CrossedSheet& b) {
         return std::tie(a.ray, a.object, a.triangle) < std::tie(b.ray, b.object, b.triangle);
     });
-    for (CrossedSheet& sheet : sheets) {
-        const Sheets& of = state_->sheets[sheet.object];
-        find_crossing(sheet, of, rays[sheet.ray].direction);
-    }
+    for (CrossedSheet& sheet : sheets) find_crossing(sheet, state_->sheets[sheet.object], rays[sheet.ray].direction);
     for (const CrossedSheet& sheet : sheets)
         rays[sheet.ray].share.left *=
             f32::cloth_transmittance(state_->sheets[sheet.object].maps, sheet.tile, sheet.direction, settings);

@@ -651,9 +651,15 @@ TEST_CASE("two yarns over each other are two layers that light goes to and fro b
             for (const double angle : {12.0, 40.0, 70.0, 80.0, 87.0}) {
                 const double wide = double(roughness);
                 const glm::dvec3 slab = slab_albedo(wide, wide, double(thickness), std::cos(glm::radians(angle)), 0.37);
-                CHECK(double(stack.albedo_r.x) * slab.x + double(stack.albedo_t.x + yarns_here[3].albedo_t.x) * slab.y +
-                          slab.z * slab.z + double(stack.diffuse_r.x + stack.diffuse_t.x) <=
-                      1.002);
+                // The fibres of the lower yarn cross those of the upper one, or run along them.
+                for (const double across : {0.37, std::sqrt(1 - 0.37 * 0.37)}) {
+                    const double lower =
+                        slab_albedo(wide, wide, double(thickness), std::cos(glm::radians(angle)), across).y;
+                    CHECK(double(stack.albedo_r.x) * slab.x + double(stack.albedo_t.x) * slab.y +
+                              double(yarns_here[3].albedo_t.x) * lower + slab.z * slab.z +
+                              double(stack.diffuse_r.x + stack.diffuse_t.x) <=
+                          1.002);
+                }
             }
         }
     // The ingredient by itself.
