@@ -30,6 +30,11 @@ using real = float;
 using real2 = vec2;
 using real3 = vec3;
 using real4 = vec4;
+// That of glm is a comparison, which GCC makes a branch of.
+inline real abs(real x)
+{
+    return std::fabs(x);
+}
 #include "cloth.h"
 }   // namespace cloth::f32
 
@@ -39,5 +44,10 @@ using real = double;
 using real2 = dvec2;
 using real3 = dvec3;
 using real4 = dvec4;
+// That of glm is a comparison, which GCC makes a branch of.
+inline real abs(real x)
+{
+    return std::fabs(x);
+}
 #include "cloth.h"
 }   // namespace cloth::f64
