@@ -154,17 +154,20 @@ struct ClothLightChoice {
 
 CLOTH_FN ClothLightChoice cloth_choose_light(CLOTH_IN(ClothLights) lights, real u)
 {
+    // The only light is certain. Said before the loop: software GL would go through it once.
+    if (lights.count == 1) {
+        ClothLight only = cloth_fetch_light(lights, 0);
+        only.pmf        = real(1);
+        return ClothLightChoice(only, u);
+    }
     int chosen = 0;
-    // The only light is certain, and that need not be fetched.
-    real below = real(0), pmf = lights.count == 1 ? real(1) : cloth_fetch_light(lights, 0).pmf;
+    real below = real(0), pmf = cloth_fetch_light(lights, 0).pmf;
     while (chosen + 1 < lights.count && u >= below + pmf) {
         below += pmf;
         ++chosen;
         pmf = cloth_fetch_light(lights, chosen).pmf;
     }
-    ClothLight light = cloth_fetch_light(lights, chosen);
-    light.pmf = pmf;
-    return ClothLightChoice(light, clamp((u - below) / pmf, real(0), real(0.99999994)));
+    return ClothLightChoice(cloth_fetch_light(lights, chosen), clamp((u - below) / pmf, real(0), real(0.99999994)));
 }
 
 // Whether BSDF sampling finds a chosen light with profit, too.

@@ -1,6 +1,6 @@
 """Suite preview: what a frame costs, what each part that is left out saves, how soon there is a picture. Run by ./dev bench preview.
 
-Everything is a ratio or a time of the shipped program; pairs that are compared take turns."""
+Times are those of the shipped program; pairs that are compared draw in turn, in one process (selvedge-turns)."""
 import argparse
 import json
 import os
@@ -26,10 +26,9 @@ BARE = {"camera": {"position": [0, 1, 0.01], "target": [0, 0, 0], "fov": 40}, "f
 # Where each part is left out; matte and fabric alone.
 SKIPS = {"plane_plain": ("lights", "matte", "model", "shadows"), "cylinder_satin": ("lights", "matte", "model", "shadows"),
          "sphere_matte": ("fabric", "gaps", "lights", "shadows"), "demo": ("lights", "model")}
-MICRO = ("-D", "model.bsdf=micro", "-D", "model.unscattered=false", "-D", "model.interreflection=false")
-LONG = {"frames": 24, "rounds": 5, "resolutions": {"512": (512, 512), "1080p": (1920, 1080), "4K": (3840, 2160)}, "pixels": 2.0e8,
+LONG = {"frames": 24, "rounds": 5, "turns": 200, "resolutions": {"512": (512, 512), "1080p": (1920, 1080), "4K": (3840, 2160)}, "pixels": 2.0e8,
         "equal_frames": 4096, "equal_size": 64}
-SHORT = {"frames": 6, "rounds": 3, "resolutions": {"512": (512, 512)}, "pixels": 1.5e6, "equal_frames": 256, "equal_size": 48}
+SHORT = {"frames": 6, "rounds": 3, "turns": 40, "resolutions": {"512": (512, 512)}, "pixels": 1.5e6, "equal_frames": 256, "equal_size": 48}
 
 
 class Bench:
@@ -47,11 +46,12 @@ class Bench:
         self.gl = ", ".join(report["gl"][key] for key in ("renderer", "version", "backend"))
         return report["milliseconds_per_frame"]["median"]
 
-    def ratio(self, dear, cheap):
-        """Figure of time of `dear` over time of `cheap`, both functions; they take turns."""
-        dear(), cheap()
-        ratios = [dear() / cheap() for _ in range(self.options.rounds)]
-        return statistics.median(ratios), f"{min(ratios):.3f} to {max(ratios):.3f}"
+    def ratio(self, scene, dear, cheap, better="lower", target=None, side=256):
+        """Figure of time of a frame with the settings `dear` over that with `cheap`."""
+        report = bench_report.run_program("selvedge-turns", scene, "--renderer", "preview", "--side", side, "--rounds", self.options.turns,
+                                          "--model", f"cheap:{cheap}", "--model", f"dear:{dear}")
+        row = report["models"][1]
+        return figure(row["over_first"], "x", better, target=target, runs=self.options.turns, note=f"{row['low']:.3f} to {row['high']:.3f} (95 %)")
 
     def frames_of_scenes(self):
         figures = {}
@@ -65,13 +65,11 @@ class Bench:
     def skips(self):
         figures = {}
         for name, scene in SCENES.items():
-            value, note = self.ratio(lambda: self.frame_ms(scene), lambda: self.frame_ms(scene, "--keep", "all"))
-            figures[f"specialised_over_general.{name}"] = figure(value, "x", "lower", target=1.0, runs=self.options.rounds, note=note)
+            figures[f"specialised_over_general.{name}"] = self.ratio(scene, "", "keep=all", target=1.0)
         for name, skips in SKIPS.items():
             scene = bench_report.ROOT / "assets" / "scenes" / f"{name}.json"
             for skip in skips:
-                value, note = self.ratio(lambda: self.frame_ms(scene, "--keep", skip), lambda: self.frame_ms(scene))
-                figures[f"gain.{skip}.{name}"] = figure(value, "x", "higher", runs=self.options.rounds, note=f"{note}; time with the part over time without")
+                figures[f"gain.{skip}.{name}"] = self.ratio(scene, f"keep={skip}", "", better="higher")
         return figures
 
     def stripped(self):
@@ -88,15 +86,7 @@ class Bench:
         same = bench_report.run_program("selvedge-compare", self.folder / "ours.exr", self.folder / "out.exr", "--fail", "max_abs=inf")
         if same["relmse"] > 1e-10:
             sys.exit(f"preview: the stripped shader draws another picture: relMSE {same['relmse']}")
-        frames = max(64, self.options.frames)
-        value, note = self.ratio(lambda: self.frame_ms(scene, size=size, frames=frames),
-                                 lambda: self.frame_ms(scene, size=size, frames=frames, environment=environment))
-        return {"off_over_stripped": figure(value, "x", "lower", target=1.02, runs=self.options.rounds, note=note)}
-
-    def model(self):
-        scene = SCENES["cylinder_satin"]
-        value, note = self.ratio(lambda: self.frame_ms(scene), lambda: self.frame_ms(scene, *MICRO))
-        return {"meso_over_micro": figure(value, "x", "lower", target=1.1, runs=self.options.rounds, note=note)}
+        return {"off_over_stripped": self.ratio(scene, "", f"glsl={glsl}", target=1.02, side=512)}
 
     def first_picture(self):
         """Seconds from the start of the program to its first picture on disk, with and without what the caches hold."""
@@ -150,7 +140,7 @@ class Bench:
 def main():
     parser = argparse.ArgumentParser(description="Cost of a frame, gain of each skip, time to the first picture.")
     parser.add_argument("--quick", action="store_true", help="the short form: less than 3 minutes")
-    parser.add_argument("--only", action="append", choices=("frames", "skips", "stripped", "model", "first", "edits", "equality"), help="repeatable; default all")
+    parser.add_argument("--only", action="append", choices=("frames", "skips", "stripped", "first", "edits", "equality"), help="repeatable; default all")
     parser.add_argument("--out", type=pathlib.Path, default=bench_report.ROOT / "out" / "bench", help="folder of the report")
     options = parser.parse_args()
     for name, value in (SHORT if options.quick else LONG).items():
@@ -158,8 +148,7 @@ def main():
     figures, load = {}, bench_report.other_load()
     with tempfile.TemporaryDirectory(prefix="selvedge-bench-") as folder:
         bench = Bench(folder, options)
-        parts = {"frames": bench.frames_of_scenes, "skips": bench.skips, "stripped": bench.stripped, "model": bench.model,
-                 "first": bench.first_picture, "edits": bench.edits, "equality": bench.equality}
+        parts = {"frames": bench.frames_of_scenes, "skips": bench.skips, "stripped": bench.stripped, "first": bench.first_picture, "edits": bench.edits, "equality": bench.equality}
         for name, part in parts.items():
             if options.only and name not in options.only:
                 continue

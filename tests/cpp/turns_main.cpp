@@ -1,13 +1,16 @@
 // selvedge-turns: what a model costs beside another on one scene. All of them are loaded into one process and draw in
-// turn, a few milliseconds each, so that whatever else the machine does falls on all alike. tests/bench/ingredients.py
-// runs it.
+// turn, a few milliseconds each, so that whatever else the machine does falls on all alike. The suites ingredients and
+// preview run it.
 //   selvedge-turns SCENE --renderer reference|preview --model NAME:KEY=VALUE,...   the first model is what the others
 //                                                                                  are held to
+// A key is one of a scene's model object, or of the preview: keep (a part that is not left out, or all), glsl (folder
+// of its shaders).
 // JSON on stdout. Exit 0 done, 1 input failed, 2 wrong usage.
 #include <algorithm>
 #include <chrono>
 #include <cmath>
 #include <cstdio>
+#include <cstdlib>
 #include <memory>
 #include <string>
 #include <vector>
@@ -67,7 +70,10 @@ class ReferenceTurn : public Turn
 class PreviewTurn : public Turn
 {
   public:
-    PreviewTurn(const Scene& scene, const GlInfo& info, int side) : preview(scene, info, {side, side}, {}) {}
+    PreviewTurn(const Scene& scene, const GlInfo& info, int side, const PreviewOptions& options)
+        : preview(scene, info, {side, side}, options)
+    {
+    }
     void draw() override
     {
         preview.draw_frame();
@@ -84,17 +90,37 @@ double quantile(std::vector<double> values, double q)
     return values[static_cast<std::size_t>(q * static_cast<double>(values.size() - 1) + 0.5)];
 }
 
-// "NAME:KEY=VALUE,..." -> overrides of the scene's model
-Overrides overrides_of(const std::string& model)
+struct Model {
+    std::string name;
+    Overrides overrides; // of the scene
+    PreviewOptions preview;
+    std::string glsl; // folder; empty: the usual one
+};
+
+// Of "NAME:KEY=VALUE,..."
+Model parse_model(const std::string& text)
 {
-    Overrides overrides;
-    std::string settings = model.substr(std::min(model.find(':'), model.size() - 1) + 1);
+    Model model;
+    const std::size_t colon = std::min(text.find(':'), text.size());
+    model.name = text.substr(0, colon);
+    std::string settings = text.substr(std::min(colon + 1, text.size()));
     while (!settings.empty()) {
         const std::size_t end = std::min(settings.find(','), settings.size());
-        overrides.push_back("model." + settings.substr(0, end));
+        const std::string setting = settings.substr(0, end);
+        const std::string value = setting.substr(std::min(setting.find('='), setting.size() - 1) + 1);
+        if (setting.starts_with("keep=")) {
+            if (value == "all")
+                model.preview.kept.insert(skip_names().begin(), skip_names().end());
+            else
+                model.preview.kept.insert(value);
+        } else if (setting.starts_with("glsl=")) {
+            model.glsl = value;
+        } else {
+            model.overrides.push_back(std::string("model.") + setting);
+        }
         settings.erase(0, end + 1);
     }
-    return overrides;
+    return model;
 }
 
 nlohmann::json measure(const Options& options)
@@ -105,10 +131,21 @@ nlohmann::json measure(const Options& options)
     const auto context = preview ? Context::create(parse_backend(options.backend)) : nullptr;
     std::vector<std::unique_ptr<Scene>> scenes;
     std::vector<std::unique_ptr<Turn>> turns;
-    for (const std::string& model : options.models) {
-        scenes.push_back(std::make_unique<Scene>(load_scene(options.scene, overrides_of(model))));
+    std::vector<Model> models;
+    const char* named = std::getenv("SELVEDGE_GLSL");
+    const std::string usual_glsl = named ? named : "";
+    for (const std::string& text : options.models) {
+        models.push_back(parse_model(text));
+        const Model& model = models.back();
+        const std::string& glsl = model.glsl.empty() ? usual_glsl : model.glsl;
+        if (glsl.empty())
+            unsetenv("SELVEDGE_GLSL");
+        else
+            setenv("SELVEDGE_GLSL", glsl.c_str(), 1);
+        scenes.push_back(std::make_unique<Scene>(load_scene(options.scene, model.overrides)));
         if (preview)
-            turns.push_back(std::make_unique<PreviewTurn>(*scenes.back(), context->info, options.side));
+            turns.push_back(
+                std::make_unique<PreviewTurn>(*scenes.back(), context->info, options.side, model.preview));
         else
             turns.push_back(std::make_unique<ReferenceTurn>(*scenes.back(), options.side));
         turns.back()->draw(); // compiles, fills caches
@@ -132,7 +169,7 @@ nlohmann::json measure(const Options& options)
             ratios.push_back(nanoseconds[k][round] / nanoseconds[0][round]);
         // Of a median: the ranks n/2 -+ 0.98 sqrt(n) hold it with 95 % confidence, whatever the distribution.
         const double reach = 0.98 / std::sqrt(double(options.rounds));
-        rows.push_back({{"model", options.models[k].substr(0, options.models[k].find(':'))},
+        rows.push_back({{"model", models[k].name},
                         {"nanoseconds", quantile(nanoseconds[k], 0.5)},
                         {"over_first", quantile(ratios, 0.5)},
                         {"low", quantile(ratios, std::max(0.5 - reach, 0.0))},
