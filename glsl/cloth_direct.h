@@ -1,5 +1,6 @@
-// Direct light at a shaded surface: everything but the shadow ray. Shared; imports all of the above. The preview does
-//   ClothDirect d = cloth_direct(...);  if (d.any) colour += d.value * share of the light that arrives;
+// Direct light at a shaded surface: everything but the shadow ray. Shared; imports all of the above. The preview does, for each of
+// cloth_light_slots,
+//   ClothDirect d = cloth_direct(..., cloth_ask_light(...));  if (d.any) colour += d.value * share of the light that arrives;
 // the reference the same with cloth_direct_by, once for each strategy that the light has.
 
 // A shader that is told that there is no metal (CLOTH_METAL 0) has no code for it.
@@ -146,28 +147,65 @@ CLOTH_FN ClothSample cloth_shading_sample(CLOTH_IN(ClothShading) shading, real3 
     return s;
 }
 
-// A light, chosen by its pmf; u is stretched to be uniform again.
+// A light that is asked, with pmf how likely it was to be; u is stretched to be uniform again.
 struct ClothLightChoice {
     ClothLight light;
     real u;
 };
 
-CLOTH_FN ClothLightChoice cloth_choose_light(CLOTH_IN(ClothLights) lights, real u)
+// One of the lights from `first` on, in proportion to their pmf.
+CLOTH_FN ClothLightChoice cloth_choose_light(CLOTH_IN(ClothLights) lights, int first, real u)
 {
-    // The only light is certain. Said before the loop: software GL would go through it once.
-    if (lights.count == 1) {
-        ClothLight only = cloth_fetch_light(lights, 0);
+    // The last one is certain. Said before the loop: software GL would go through it once.
+    if (first + 1 == lights.count) {
+        ClothLight only = cloth_fetch_light(lights, first);
         only.pmf        = real(1);
         return ClothLightChoice(only, u);
     }
-    int chosen = 0;
-    real below = real(0), pmf = cloth_fetch_light(lights, 0).pmf;
+    real all = real(1);
+    for (int k = 0; k < first; ++k) all -= cloth_fetch_light(lights, k).pmf;
+    u *= all;
+    int chosen = first;
+    real below = real(0), pmf = cloth_fetch_light(lights, first).pmf;
     while (chosen + 1 < lights.count && u >= below + pmf) {
         below += pmf;
         ++chosen;
         pmf = cloth_fetch_light(lights, chosen).pmf;
     }
-    return ClothLightChoice(cloth_fetch_light(lights, chosen), clamp((u - below) / pmf, real(0), real(0.99999994)));
+    ClothLight light = cloth_fetch_light(lights, chosen);
+    light.pmf = pmf / all;
+    return ClothLightChoice(light, clamp((u - below) / pmf, real(0), real(0.99999994)));
+}
+
+// What a camera ray meets asks every light, as long as there are few: one at a time leaves the sum of a sky and a sun with two to
+// three times the variance. The last that is asked stands for all from there on.
+CLOTH_CONST int cloth_lights_asked = 4;
+
+// How many lights a vertex asks. On from the second of a path it is one.
+//   first  the path's first vertex
+CLOTH_FN int cloth_light_slots(CLOTH_IN(ClothLights) lights, bool first)
+{
+    return first ? min(lights.count, cloth_lights_asked) : min(lights.count, 1);
+}
+
+//   slot, slots  which of how many;  u  [0, 1)
+CLOTH_FN ClothLightChoice cloth_ask_light(CLOTH_IN(ClothLights) lights, int slot, int slots, real u)
+{
+    if (slot + 1 == slots) return cloth_choose_light(lights, slot, u);
+    ClothLight light = cloth_fetch_light(lights, slot);
+    light.pmf        = real(1);
+    return ClothLightChoice(light, u);
+}
+
+// Random numbers of a slot: the dimensions are the same for all.
+CLOTH_FN uint cloth_slot_seed(uint seed, int slot)
+{
+    return slot == 0 ? seed : cloth_hash_combine(seed, uint(slot));
+}
+
+CLOTH_FN ClothRandom cloth_slot_random(ClothRandom random, int slot)
+{
+    return ClothRandom(cloth_slot_seed(random.seed, slot), random.index, random.offset);
 }
 
 // Whether BSDF sampling finds a chosen light with profit, too.
@@ -207,20 +245,19 @@ CLOTH_FN ClothDirect cloth_direct_by(CLOTH_IN(ClothLights) lights, CLOTH_IN(Clot
     return ClothDirect(true, seen.wi, seen.distance, value / (pdf * choice.light.pmf));
 }
 
-// One sample of direct light: one light, at most one shadow ray. Where the light has two strategies both are tried, and one of
-// the two is kept, with a probability in proportion to what it brings if nothing is in the way: where nothing is, that is as good
-// as both (resampled importance sampling: Talbot, Cline & Egbert 2005). lights.count may be 0.
-//   maps  of the fabric that the shading was chosen from; anything where it is matte
+// One sample of a light: at most one shadow ray. Where the light has two strategies both are tried, and one of the two is kept,
+// with a probability in proportion to what it brings if nothing is in the way: where nothing is, that is as good as both
+// (resampled importance sampling: Talbot, Cline & Egbert 2005).
+//   maps    of the fabric that the shading was chosen from; anything where it is matte
+//   random  of the light's slot
 CLOTH_FN ClothDirect cloth_direct(CLOTH_IN(ClothLights) lights, CLOTH_IN(ClothMaps) maps, CLOTH_IN(ClothSurface) surface,
-                                  CLOTH_IN(ClothShading) shading, ClothSettings settings, ClothRandom random)
+                                  CLOTH_IN(ClothShading) shading, ClothSettings settings, ClothRandom random,
+                                  CLOTH_IN(ClothLightChoice) choice)
 {
-    ClothDirect kept = ClothDirect(false, surface.normal_g, cloth_far, real3(real(0)));
-    if (lights.count == 0) return kept;
-    ClothLightChoice choice = cloth_choose_light(lights, cloth_draw(random, cloth_dim_light).x);
     bool both    = cloth_light_has_two_ways(choice.light, shading);
     real2 u_lobe = both ? cloth_draw(random, cloth_dim_lobe) : real2(real(0));
     // Each strategy by itself, not in a loop: software GL takes every branch, and so would both work for either.
-    kept       = cloth_direct_by(lights, maps, surface, shading, settings, random, choice, false, both ? real(1) : real(0), u_lobe);
+    ClothDirect kept = cloth_direct_by(lights, maps, surface, shading, settings, random, choice, false, both ? real(1) : real(0), u_lobe);
     real share = kept.any ? cloth_luminance(kept.value) : real(0), total = share;
     if (both) {
         ClothDirect tried = cloth_direct_by(lights, maps, surface, shading, settings, random, choice, true, real(1), u_lobe);

@@ -28,7 +28,7 @@ CLOTH_CONST int cloth_light_mesh        = 6;   // an object that shines from its
 
 struct ClothLight {
     int kind;
-    real pmf;          // probability of being chosen, > 0; they add up to 1
+    real pmf;          // probability of being chosen where one of all is, > 0; they add up to 1
     real3 position;    // [m]; area: centre; mesh: of a ball around it
     real3 axis;        // unit; directional: toward the light; others: the way it shines
     real3 radiance;    // directional: irradiance at normal incidence [W/m2]; area, mesh: radiance; point, spot, flash: intensity [W/sr]; environment: scale

@@ -60,8 +60,8 @@ ClothSettings frame_settings()
 
 ClothLights frame_lights()
 {
-#ifdef ONE_LIGHT
-    return ClothLights(1, frame.lights.yz);
+#ifdef FEW_LIGHTS
+    return ClothLights(LIGHT_COUNT, frame.lights.yz);
 #else
     return ClothLights(frame.lights.x, frame.lights.yz);
 #endif

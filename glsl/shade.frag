@@ -2,7 +2,8 @@
 // stops a pixel's ray; or, where several samples share it, what it meets first, which some of them may pass.
 //   FABRIC  objects with fabric   GAPS  fabrics with gaps   MATTE  objects without   FOOTPRINT  several samples a frame
 //   LAYERS  samples walk from layer to layer: FOOTPRINT and GAPS
-//   CONVEX  nothing is in the way in front of a triangle   ONE_LIGHT  none has to be chosen
+//   CONVEX  nothing is in the way in front of a triangle   FEW_LIGHTS  LIGHT_COUNT of them, none of which has to be chosen
+//   SKY  the first of several lights is an environment, and all others of one kind, OTHER_LIGHTS, or -1
 //   EMITTERS  objects that shine   BOUNCES  paths of up to frame.random.w surfaces
 #include "interop.h"
 #include "cloth.h"
@@ -40,14 +41,45 @@ bool is_outward(ClothSurface surface, vec3 wi)
 #endif
 }
 
-vec3 direct_light(ClothMaps maps, ClothSurface surface, ClothShading shading, ClothRandom random)
+// What one light brings.
+//   kind    of the light, where the compiler may know it; -1
+//   bright  luminance of what other lights have brought
+vec3 light_of_slot(ClothMaps maps, ClothSurface surface, ClothShading shading, ClothRandom random, int slot, int slots, int kind, float bright)
 {
-    ClothDirect d = cloth_direct(frame_lights(), maps, surface, shading, frame_settings(), random);
+    ClothRandom own         = cloth_slot_random(random, slot);
+    vec2 u                  = cloth_draw(own, cloth_dim_light);
+    ClothLightChoice choice = cloth_ask_light(frame_lights(), slot, slots, u.x);
+    if (kind >= 0) choice.light.kind = kind;
+    ClothDirect d = cloth_direct(frame_lights(), maps, surface, shading, frame_settings(), own, choice);
     if (!d.any) return vec3(0.0);
     if (is_outward(surface, d.wi)) return d.value;
-    vec3 side = surface.normal_g * (dot(d.wi, surface.normal_g) < 0.0 ? -1.0 : 1.0);
-    return d.value * transmittance(cloth_leave(surface.position, side), d.wi, d.distance * (1.0 - 1e-4), cloth_faint,
-                                   cloth_draw(random, cloth_dim_light).y);
+    vec3 side    = surface.normal_g * (dot(d.wi, surface.normal_g) < 0.0 ? -1.0 : 1.0);
+    float brings = cloth_luminance(d.value);
+    float least  = brings > 0.0 ? min(cloth_faint * (bright + brings) / brings, 1e30) : cloth_faint;
+    return d.value * transmittance(cloth_leave(surface.position, side), d.wi, d.distance * (1.0 - 1e-4), least, u.y);
+}
+
+//   first  vertex of its path
+vec3 direct_light(ClothMaps maps, ClothSurface surface, ClothShading shading, ClothRandom random, bool first)
+{
+    vec3 sum  = vec3(0.0);
+    int slots = cloth_light_slots(frame_lights(), first);
+#ifdef SKY
+    // The sky last: where a sun shines it matters less. By itself, as is a single other light: the compiler then knows what each light's
+    // kind is, and leaves out what is for others.
+    if (first) {
+#if LIGHT_COUNT == 2
+        sum = light_of_slot(maps, surface, shading, random, 1, slots, OTHER_LIGHTS, 0.0);
+#else
+        for (int slot = slots - 1; slot > 0; --slot)
+            sum += light_of_slot(maps, surface, shading, random, slot, slots, OTHER_LIGHTS, cloth_luminance(sum));
+#endif
+        return sum + light_of_slot(maps, surface, shading, random, 0, slots, cloth_light_environment, cloth_luminance(sum));
+    }
+#endif
+    for (int slot = slots - 1; slot >= 0; --slot)
+        sum += light_of_slot(maps, surface, shading, random, slot, slots, -1, cloth_luminance(sum));
+    return sum;
 }
 
 #ifdef BOUNCES
@@ -87,7 +119,7 @@ vec3 bounced_light(SceneObject object, ClothSurface surface, ClothShading shadin
             if (is_matte(object)) shading = cloth_shade_plain(object.albedo, object.roughness);
         }
         if (hit.object < 0) break;   // the environment: direct light has counted it, and what shines
-        sum += throughput * direct_light(object.maps, surface, shading, random);
+        sum += throughput * direct_light(object.maps, surface, shading, random, false);
     }
     return sum;
 }
@@ -114,7 +146,7 @@ vec4 background(ClothRay ray)
 // What stopped the ray of a sample sends back.
 vec3 radiance(Met met, ClothShading shading, ClothRandom random)
 {
-    vec3 sum = direct_light(met.object.maps, met.surface, shading, random);
+    vec3 sum = direct_light(met.object.maps, met.surface, shading, random, true);
 #ifdef BOUNCES
     sum += bounced_light(met.object, met.surface, shading, random);
 #endif

@@ -104,9 +104,9 @@ float share_at(int object_index, int triangle_index, vec2 b, vec3 direction)
 //   least, u  of the ray's roulette
 float transmittance(vec3 origin, vec3 direction, float distance, float least, float u)
 {
-    ClothShare share = ClothShare(1.0, u);
+    ClothShare share = cloth_shadow_roulette(ClothShare(1.0, u), least);
     Walk walk    = begin_walk(origin, direction);
-    bool walking = true;
+    bool walking = share.left > 0.0;
     while (walking) {
         bool hit = false;
         vec2 b   = vec2(0.0);
@@ -126,7 +126,7 @@ float transmittance(vec3 origin, vec3 direction, float distance, float least, fl
         }
         walking = hit && share.left > 0.0;
 #else
-        share.left = hit ? 0.0 : 1.0;
+        share.left = hit ? 0.0 : share.left;
         walking    = false;
 #endif
     }

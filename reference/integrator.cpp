@@ -57,9 +57,11 @@ f32::ClothShading only_lobe(const f32::ClothShading& shading, AovIndex term)
     return lobe;
 }
 
-constexpr AovIndex lobe_terms[] = {aov_index_reflection_specular, aov_index_reflection_diffuse,
-                                   aov_index_transmission_specular, aov_index_transmission_diffuse,
-                                   aov_index_multiple_scattering};
+// What sends light on at a surface: the lobes of a fabric; last, matte.
+constexpr AovIndex light_terms[] = {aov_index_reflection_specular,   aov_index_reflection_diffuse,
+                                    aov_index_transmission_specular, aov_index_transmission_diffuse,
+                                    aov_index_multiple_scattering,   aov_index_matte};
+constexpr std::size_t light_term_count = std::size(light_terms), matte_term = light_term_count - 1;
 
 } // namespace
 
@@ -116,7 +118,7 @@ struct Renderer::Batch {
     f32::ClothDescent descent[batch_size];
     f32::ClothPlace point[batch_size];
 
-    // of add_direct_light: [0] by light sampling, [1] by BSDF sampling
+    // of add_direct_light, for one slot: [0] by light sampling, [1] by BSDF sampling
     struct Lit {
         std::uint32_t lane;
         int way;
@@ -131,7 +133,9 @@ struct Renderer::Batch {
     int sky_row[batch_size];
     ShadowRay shadow_ray[2 * batch_size];
     std::vector<CrossedSheet> sheets;
-    glm::vec3 first_light[2][batch_size];
+    glm::vec3 arrived[2][batch_size];             // what of the light is not in shadow
+    float bright[batch_size];                     // luminance of what has arrived from the lights so far
+    glm::vec3 term[light_term_count][batch_size]; // likewise, at the first vertex, by what sends it on
 
     f32::ClothRandom random(std::uint32_t lane) const { return {seed[lane], index[lane], offset, drawn[lane]}; }
 
@@ -150,10 +154,10 @@ struct Renderer::Batch {
             for (std::uint32_t k = 0; k < n; ++k) drawn[lanes[k]][dimension] = {x[k], y[k]};
         }
     }
-    void draw_alive(std::initializer_list<std::uint32_t> dimensions)
+    void draw_alive(std::initializer_list<std::uint32_t> dimensions, int slot = 0) // slot: of the lights
     {
         std::uint32_t seeds[batch_size];
-        for (std::uint32_t k = 0; k < alive_count; ++k) seeds[k] = seed[alive[k]];
+        for (std::uint32_t k = 0; k < alive_count; ++k) seeds[k] = f32::cloth_slot_seed(seed[alive[k]], slot);
         draw(alive, alive_count, seeds, dimensions);
     }
 };
@@ -364,30 +368,44 @@ void Renderer::find_vertices(Batch& batch, bool camera, Counters& counters) cons
     batch.alive_count = alive;
 }
 
-// Direct light at each vertex, from one light, by light sampling and, where that finds it too, by BSDF sampling. The
-// lights' values first, then the shadow rays of those that are not 0.
-void Renderer::add_direct_light(Batch& batch, Counters& counters) const
+// Direct light at each vertex, from one light after the other.
+//   first  of its path
+void Renderer::add_direct_light(Batch& batch, bool first, Counters& counters) const
+{
+    const int slots = f32::cloth_light_slots(lights_, first);
+    const bool by_terms = first && settings_.aovs & aov_terms;
+    for (auto& term : batch.term) std::fill_n(term, by_terms ? batch_size : 0, glm::vec3(0.0f));
+    if (slots == 0) counters.rays_saved += batch.alive_count;
+    for (std::uint32_t k = 0; k < batch.alive_count; ++k) batch.bright[batch.alive[k]] = 0.0f;
+    // The sky, which comes first, last: where a sun shines it matters less.
+    for (int slot = slots - 1; slot >= 0; --slot) {
+        add_light(batch, slot, slots, counters);
+        for (std::uint32_t k = 0; k < batch.alive_count && by_terms; ++k) add_light_terms(batch, batch.alive[k]);
+    }
+}
+
+// From one light a vertex, by light sampling and, where that finds it too, by BSDF sampling. The lights' values first,
+// then the shadow rays of those that are not 0.
+void Renderer::add_light(Batch& batch, int slot, int slots, Counters& counters) const
 {
     for (std::uint32_t k = 0; k < batch.alive_count; ++k)
         for (auto& light : batch.light) light[batch.alive[k]].any = false;
-    if (lights_.count == 0) {
-        counters.rays_saved += batch.alive_count;
-        return;
-    }
     // Lights without extent are not sampled.
     if (delta_lights_)
-        batch.draw_alive({f32::cloth_dim_light});
+        batch.draw_alive({f32::cloth_dim_light}, slot);
     else
         batch.draw_alive({f32::cloth_dim_light, f32::cloth_dim_emitter, f32::cloth_dim_subtexel, f32::cloth_dim_lobe,
-                          f32::cloth_dim_direction});
+                          f32::cloth_dim_direction},
+                         slot);
     // The environment's tables are large: first one, then the other is brought for all lanes that will look there. So
     // are the horizons.
     std::uint32_t skies = 0;
     for (std::uint32_t k = 0; k < batch.alive_count; ++k) {
         const std::uint32_t lane = batch.alive[k];
         const f32::ClothRandom random = batch.random(lane);
-        make_in(batch.choice[lane],
-                [&] { return f32::cloth_choose_light(lights_, f32::cloth_draw(random, f32::cloth_dim_light).x); });
+        make_in(batch.choice[lane], [&] {
+            return f32::cloth_ask_light(lights_, slot, slots, f32::cloth_draw(random, f32::cloth_dim_light).x);
+        });
         const Vertex& vertex = batch.vertex[lane];
         if (!vertex.shading.matte) f32::cloth_prefetch_horizons(maps_[vertex.object], vertex.shading.selection.spot);
         if (!f32::cloth_light_is(batch.choice[lane].light, f32::cloth_light_environment)) continue;
@@ -434,7 +452,8 @@ void Renderer::add_direct_light(Batch& batch, Counters& counters) const
                 continue;
             }
             // Rays that go together save nothing by a roulette, so they have none.
-            const float least = small ? 0.0f : f32::cloth_faint * (brings[0] + brings[1]) / brings[way];
+            const float least =
+                small ? 0.0f : f32::cloth_faint * (batch.bright[lane] + brings[0] + brings[1]) / brings[way];
             const glm::vec3 normal = vertex.surface.normal_g;
             ShadowRay query = {
                 f32::cloth_leave(vertex.surface.position, glm::dot(light.wi, normal) > 0.0f ? normal : -normal),
@@ -444,7 +463,7 @@ void Renderer::add_direct_light(Batch& batch, Counters& counters) const
                 {1.0f, way == 0 ? u : 1.0f - u}}; // the decisions on the two ways are each other's opposites
             query.share = f32::cloth_shadow_roulette(query.share, query.least);
             if (query.share.left <= 0.0f) {
-                batch.first_light[way][lane] = glm::vec3(0.0f);
+                batch.arrived[way][lane] = glm::vec3(0.0f);
                 continue;
             }
             batch.lit[lit++] = {lane, way, small, query, 0};
@@ -463,7 +482,8 @@ void Renderer::add_direct_light(Batch& batch, Counters& counters) const
     for (std::uint32_t k = 0; k < lit; ++k) {
         const auto [lane, way] = std::pair(batch.lit[k].lane, batch.lit[k].way);
         const glm::vec3 value = batch.light[way][lane].value * batch.shadow_ray[batch.lit[k].ray].share.left;
-        batch.first_light[way][lane] = value; // read after the first vertex only
+        batch.arrived[way][lane] = value;
+        batch.bright[lane] += f32::cloth_luminance(value);
         batch.radiance[lane] += batch.throughput[lane] * value;
     }
     counters.shadow_rays += lit;
@@ -510,7 +530,7 @@ void Renderer::add_term(RenderState& state, std::uint32_t pixel, AovIndex term, 
     for (int c = 0; c < 3; ++c) sums[c] += double(value[c]);
 }
 
-// Layers of the first vertex of a lane, its direct light included.
+// Layers of the first vertex of a lane, but for its light.
 void Renderer::add_first_aovs(Batch& batch, std::uint32_t lane, RenderState& state) const
 {
     const Vertex& first = batch.vertex[lane];
@@ -541,7 +561,7 @@ void Renderer::add_first_aovs(Batch& batch, std::uint32_t lane, RenderState& sta
         // Light sampling alone: cloth_direct's own direction is drawn to fit the fibres.
         const f32::ClothRandom random = batch.random(lane);
         const f32::ClothLightChoice choice =
-            f32::cloth_choose_light(lights_, f32::cloth_draw(random, f32::cloth_dim_light).x);
+            f32::cloth_choose_light(lights_, 0, f32::cloth_draw(random, f32::cloth_dim_light).x);
         const f32::ClothLightSample seen = f32::cloth_light_sample(
             lights_, choice.light, first.surface.position, f32::cloth_draw(random, f32::cloth_dim_subtexel),
             f32::cloth_draw_bits(random, f32::cloth_dim_emitter));
@@ -552,12 +572,18 @@ void Renderer::add_first_aovs(Batch& batch, std::uint32_t lane, RenderState& sta
                 maps_[first.object], reflected ? shading.selection.side : 1 - shading.selection.side,
                 shading.selection.spot, reflected ? wi : f32::cloth_mirror(wi), scene_.model.settings));
     }
-    if (!(settings_.aovs & aov_terms) || batch.through[lane]) return;
+}
+
+// What one light brings to the first vertex of a lane, by what sends it on.
+void Renderer::add_light_terms(Batch& batch, std::uint32_t lane) const
+{
+    const Vertex& first = batch.vertex[lane];
+    const f32::ClothShading& shading = first.shading;
     for (int way = 0; way < 2; ++way) {
         if (!batch.light[way][lane].any) continue;
-        const glm::vec3 light = batch.first_light[way][lane];
+        const glm::vec3 light = batch.arrived[way][lane];
         if (shading.matte) {
-            add_term(state, batch.pixel[lane], aov_index_matte, light);
+            batch.term[matte_term][lane] += light;
             continue;
         }
         const glm::vec3 wi = f32::cloth_to_local(first.surface.frame, batch.light[way][lane].wi);
@@ -565,11 +591,11 @@ void Renderer::add_first_aovs(Batch& batch, std::uint32_t lane, RenderState& sta
             return f32::cloth_shading_value(maps_[first.object], lobes, wi, first.surface.wo, scene_.model.settings);
         };
         const glm::vec3 whole = value(shading);
-        for (const AovIndex term : lobe_terms) {
-            if (aov_start_[term] < 0) continue;
-            glm::vec3 share = value(only_lobe(shading, term));
+        for (std::size_t k = 0; k < matte_term; ++k) {
+            if (aov_start_[light_terms[k]] < 0) continue;
+            glm::vec3 share = value(only_lobe(shading, light_terms[k]));
             for (int c = 0; c < 3; ++c) share[c] = whole[c] > 0.0f ? share[c] / whole[c] : 0.0f;
-            add_term(state, batch.pixel[lane], term, light * share);
+            batch.term[k][lane] += light * share;
         }
     }
 }
@@ -588,7 +614,6 @@ void Renderer::trace_plies(Batch& batch, RenderState& state, Counters& counters)
             plies_->radiance(batch.ray[lane], {batch.seed[lane], batch.index[lane], 0}, depth, spent, first, hit);
         if (hit && aov_channels_ > 0) {
             batch.vertex[lane] = {first.object, 0, first.distance, first.surface, first.shading};
-            for (auto& light : batch.light) light[lane].any = false;
             add_first_aovs(batch, lane, state);
         }
         sums.hits += hit ? 1.0 : 0.0;
@@ -612,7 +637,7 @@ void Renderer::trace(Batch& batch, RenderState& state, Counters& counters) const
     }
     begin(batch, counters);
     find_vertices(batch, true, counters);
-    add_direct_light(batch, counters);
+    add_direct_light(batch, true, counters);
 
     for (std::uint32_t lane = 0; lane < batch.count; ++lane)
         if (!batch.met[lane])
@@ -626,13 +651,16 @@ void Renderer::trace(Batch& batch, RenderState& state, Counters& counters) const
         batch.radiance[lane] += emitted;
         if (!batch.through[lane]) add_term(state, batch.pixel[lane], aov_index_emission, emitted);
     }
+    const bool by_terms = settings_.aovs & aov_terms;
     bool seen[batch_size]; // met[] is overwritten by bounces
     std::copy_n(batch.met, batch.count, seen);
     if (aov_channels_ > 0) {
         for (std::uint32_t lane = 0; lane < batch.count; ++lane) {
-            if (seen[lane])
+            if (seen[lane]) {
                 add_first_aovs(batch, lane, state);
-            else if (!batch.through[lane])
+                for (std::size_t k = 0; k < light_term_count && by_terms && !batch.through[lane]; ++k)
+                    add_term(state, batch.pixel[lane], light_terms[k], batch.term[k][lane]);
+            } else if (!batch.through[lane])
                 add_term(state, batch.pixel[lane], aov_index_background, batch.radiance[lane]);
             state.pixels[batch.pixel[lane]].hits += seen[lane] ? 1.0 : 0.0;
         }
@@ -647,7 +675,7 @@ void Renderer::trace(Batch& batch, RenderState& state, Counters& counters) const
     for (int depth = 1; depth < depth_limit && batch.alive_count > 0; ++depth) {
         bounce(batch, depth);
         find_vertices(batch, false, counters); // a ray that meets nothing: the environment is counted by cloth_direct
-        add_direct_light(batch, counters);
+        add_direct_light(batch, false, counters);
     }
 
     for (std::uint32_t lane = 0; lane < batch.count; ++lane) {

@@ -130,7 +130,9 @@ class Renderer
     struct Batch;
     void begin(Batch& batch, Counters& counters) const;
     void find_vertices(Batch& batch, bool camera, Counters& counters) const;
-    void add_direct_light(Batch& batch, Counters& counters) const;
+    void add_direct_light(Batch& batch, bool first, Counters& counters) const;
+    void add_light(Batch& batch, int slot, int slots, Counters& counters) const;
+    void add_light_terms(Batch& batch, std::uint32_t lane) const;
     void bounce(Batch& batch, int depth) const;
     void trace(Batch& batch, RenderState& state, Counters& counters) const;
     void trace_plies(Batch& batch, RenderState& state, Counters& counters) const;

@@ -552,16 +552,23 @@ float PlyScene::transmittance(Departure from, glm::vec3 direction, float far, Pl
     return 0;
 }
 
-glm::vec3 PlyScene::direct_light(const PlyVertex& vertex, const Departure& from, f32::ClothRandom random,
+glm::vec3 PlyScene::direct_light(const PlyVertex& vertex, const Departure& from, f32::ClothRandom random, bool first,
                                  PlyCounters& counters) const
 {
-    const f32::ClothDirect light =
-        f32::cloth_direct(lights_, maps_[vertex.object], vertex.surface, vertex.shading, point_settings, random);
-    if (!light.any) {
-        ++counters.rays_saved;
-        return glm::vec3(0);
+    const int slots = f32::cloth_light_slots(lights_, first);
+    glm::vec3 sum(0);
+    for (int slot = 0; slot < slots; ++slot) {
+        const f32::ClothRandom own = f32::cloth_slot_random(random, slot);
+        const f32::ClothLightChoice choice =
+            f32::cloth_ask_light(lights_, slot, slots, f32::cloth_draw(own, f32::cloth_dim_light).x);
+        const f32::ClothDirect light = f32::cloth_direct(lights_, maps_[vertex.object], vertex.surface, vertex.shading,
+                                                         point_settings, own, choice);
+        if (light.any)
+            sum += light.value * transmittance(from, light.wi, light.distance * (1.0f - 1e-4f), counters);
+        else
+            ++counters.rays_saved;
     }
-    return light.value * transmittance(from, light.wi, light.distance * (1.0f - 1e-4f), counters);
+    return sum;
 }
 
 glm::vec3 PlyScene::radiance(const f32::ClothRay& camera_ray, f32::ClothRandom random, int max_depth,
@@ -571,7 +578,7 @@ glm::vec3 PlyScene::radiance(const f32::ClothRay& camera_ray, f32::ClothRandom r
     PlyVertex seen, vertex;
     hit = find_vertex(camera_ray, random, from, counters, first, vertex);
     if (!hit) return f32::cloth_background(lights_, glm::normalize(camera_ray.direction));
-    glm::vec3 radiance = direct_light(vertex, from, random, counters), throughput(1);
+    glm::vec3 radiance = direct_light(vertex, from, random, true, counters), throughput(1);
     // What shines is seen by camera rays alone: at a bounce cloth_direct has counted it.
     const int light = scene_.objects[first.object].light;
     if (light >= 0) radiance += f32::cloth_emitted(scene_.lights[std::size_t(light)], first.surface.side);
@@ -588,7 +595,7 @@ glm::vec3 PlyScene::radiance(const f32::ClothRay& camera_ray, f32::ClothRandom r
         }
         const f32::ClothRay ray{from.origin, bounce.wi, glm::vec3(0), glm::vec3(0)};
         if (!find_vertex(ray, random, from, counters, seen, vertex)) break; // the environment: cloth_direct
-        radiance += throughput * direct_light(vertex, from, random, counters);
+        radiance += throughput * direct_light(vertex, from, random, false, counters);
     }
     return radiance;
 }

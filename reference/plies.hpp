@@ -91,7 +91,8 @@ class PlyScene
     bool find_vertex(const cloth::f32::ClothRay& ray, cloth::f32::ClothRandom random, Departure& from,
                      PlyCounters& counters, PlyVertex& seen, PlyVertex& vertex) const;
     float transmittance(Departure from, glm::vec3 direction, float far, PlyCounters& counters) const;
-    glm::vec3 direct_light(const PlyVertex& vertex, const Departure& from, cloth::f32::ClothRandom random,
+    // first: vertex of its path
+    glm::vec3 direct_light(const PlyVertex& vertex, const Departure& from, cloth::f32::ClothRandom random, bool first,
                            PlyCounters& counters) const;
     void place_fabric(std::size_t object, const PlyModel& model, std::vector<InstancedMesh>& meshes,
                       std::vector<Instance>& instances);

@@ -977,14 +977,24 @@ def _():
     return inputs, expect
 
 
-@function("choose_light", tables=True, floor=1.0, loose=0.005, why="a choice at its edge falls either way")
+@function("ask_light", tables=True, floor=1.0, loose=0.005, why="a choice at its edge falls either way")
 def _():
+    def inputs(rng):
+        slots = rng.integers(1, 8, N)   # 7 lights
+        return np.c_[units(rng, N, 1), rng.integers(0, slots), slots]
     def expect(xs):
-        pmf = TABLES.lights[:, 1].astype("f8")
-        edge = np.r_[0, np.cumsum(pmf)]
-        k = np.minimum(np.searchsorted(edge, xs[:, 0], "right") - 1, len(pmf) - 1)
-        return np.c_[TABLES.lights[k, 0], np.clip((xs[:, 0] - edge[k]) / pmf[k], 0, np.float32(0.99999994))]
-    return lambda rng: units(rng, N, 1), expect
+        out = []
+        for u, slot, slots in xs:
+            pmf = TABLES.lights[int(slot):, 1].astype("f8")
+            if slot + 1 < slots or len(pmf) == 1:   # asked for certain
+                out.append([TABLES.lights[int(slot), 0], u, 1])
+                continue
+            share = pmf / (1 - TABLES.lights[:int(slot), 1].astype("f8").sum())   # all of them add up to 1, but for their rounding
+            edge = np.r_[0, np.cumsum(share)]
+            k = min(np.searchsorted(edge, u, "right") - 1, len(pmf) - 1)
+            out.append([TABLES.lights[int(slot) + k, 0], np.clip((u - edge[k]) / share[k], 0, np.float32(0.99999994)), share[k]])
+        return np.array(out)
+    return inputs, expect
 
 
 # ---- color.h, random.h ------------------------------------------------------------------------------------------------------------------

@@ -67,7 +67,7 @@ ROW(environment_uv, 4, 2, out2(0, cloth_environment_uv(in3(0), in1(3)));)
 ROW(environment, 22, 4, real4 c = cloth_environment(in_lights(), in_light(0), in3(19)); out2(0, real2(c.x, c.y)); out2(2, real2(c.z, c.w));)
 ROW(light_sample, 28, 8, out_light(0, cloth_light_sample(in_lights(), in_light(0), in3(19), in2(22), uvec2(in_word(24), in_word(26))));)
 ROW(light_hit, 25, 8, out_light(0, cloth_light_hit(in_lights(), in_light(0), in3(19), in3(22)));)
-ROW(choose_light, 1, 2, ClothLightChoice c = cloth_choose_light(in_lights(), in1(0)); out1(0, real(c.light.kind)); out1(1, c.u);)
+ROW(ask_light, 3, 3, ClothLightChoice c = cloth_ask_light(in_lights(), in_int(1), in_int(2), in1(0)); out1(0, real(c.light.kind)); out1(1, c.u); out1(2, c.light.pmf);)
 ROW(shadow_roulette, 3, 2, ClothShare s = cloth_shadow_roulette(ClothShare(in1(0), in1(1)), in1(2)); out1(0, s.left); out1(1, s.u);)
 
 // ---- color.h

@@ -90,6 +90,20 @@ def test_an_emitter_is_seen_from_its_front_alone(program, tmp_path, how):
     assert (channels["G"] == 0).all()
 
 
+@pytest.mark.parametrize("how", RENDERERS)
+def test_few_lights_are_all_asked_and_one_of_the_rest(program, tmp_path, how):
+    """Lights of one direction each: what they bring is known, so that all noise comes from choosing among them."""
+    def suns(count):
+        return [{"type": "directional", "direction": [.1 * k, -1, .05 * k], "irradiance": 1 + k, "angular_diameter": 0} for k in range(count)]
+    def expected(count):
+        return .5 / np.pi * sum((1 + k) / np.sqrt(1 + (.1 * k) ** 2 + (.05 * k) ** 2) for k in range(count))
+    channels, _ = render(program, tmp_path, floor(suns(4)), how, 64)
+    assert np.allclose(channels["G"], expected(4), rtol=1e-5) and channels["variance.G"].max() < 1e-10
+    channels, _ = render(program, tmp_path, floor(suns(6)), how, 1024)
+    assert_mean(channels, expected(6))
+    assert channels["variance.G"].min() > 1e-6   # three of the six share the last slot
+
+
 def test_flash_falls_with_the_square_of_the_distance_and_with_the_cosine_of_its_aim(program, tmp_path):
     values = []
     for distance, aim in ((1, 0), (2, 0), (1, 0.75)):   # aim beside the middle: cosine 1 / hypot(1, 0.75) = 0.8
@@ -267,7 +281,7 @@ def test_preview_and_reference_agree_on_lens_metal_and_emitters(program, tmp_pat
                          {"shape": "sphere", "scale": 0.03, "translate": [0.08, 0.03, 0.1], "metal": {"colour": [0.9, 0.6, 0.3], "roughness": 0.3}},
                          {"shape": "sphere", "scale": 0.01, "translate": [0, 0.012, 0.15], "emission": [4, 2, 1]}]}
     (tmp_path / "scene.json").write_text(json.dumps(scene))
-    test_equality.assert_equal(test_equality.compare_renderers(program, tmp_path, tmp_path / "scene.json", 128, size=64))
+    test_equality.assert_equal(test_equality.compare_renderers(program, tmp_path, tmp_path / "scene.json", 512, size=64))
 
 
 REFUSED = {

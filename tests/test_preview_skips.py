@@ -63,7 +63,7 @@ def test_the_program_that_can_do_everything_draws_the_same_bits(preview, scene, 
     lean, picture = preview(scene)
     full, everything = preview(scene, "--keep", "all")
     assert skips <= left_out(lean) and not left_out(full)
-    assert set(lean["features"]) - {"CONVEX", "ONE_LIGHT"} <= set(full["features"])
+    assert set(lean["features"]) - {"CONVEX", "FEW_LIGHTS", "SKY"} <= set(full["features"])
     assert {"FABRIC", "GAPS", "MATTE", "SHADOWS"} <= set(full["features"])
     assert_same_bits(picture, everything)
 

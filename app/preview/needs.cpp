@@ -189,10 +189,15 @@ Needs Needs::of(const Scene& scene, const BlockingShape& shape, const CameraSpec
 
     for (const ClothLight& light : scene.lights) needs.light_kinds |= 1 << light.kind;
     constexpr int all_kinds = (2 << cloth_light_mesh) - 1;
-    needs.one_light = scene.lights.size() == 1;
-    if (!left_out("lights", needs.light_kinds != all_kinds || needs.one_light)) {
+    const bool few = scene.lights.size() <= std::size_t(cloth_lights_asked);
+    if (left_out("lights", needs.light_kinds != all_kinds || few)) {
+        if (few) needs.light_count = static_cast<int>(scene.lights.size());
+        needs.sky = scene.lights.size() > 1 && scene.lights[0].kind == cloth_light_environment;
+        const auto is_as_second = [&](const ClothLight& light) { return light.kind == scene.lights[1].kind; };
+        if (needs.sky && std::all_of(scene.lights.begin() + 1, scene.lights.end(), is_as_second))
+            needs.other_lights = scene.lights[1].kind;
+    } else {
         needs.light_kinds = all_kinds;
-        needs.one_light = false;
     }
 
     // Light leaves matte on the viewer's side alone; cloth sends it through to the other side as well.
@@ -230,13 +235,16 @@ std::vector<std::string> Needs::defines() const
     list.push_back("CLOTH_LIGHT_KINDS " + std::to_string(light_kinds));
     list.push_back(metal ? "CLOTH_METAL 1" : "CLOTH_METAL 0");
     list.push_back(stacks ? "CLOTH_STACKS 1" : "CLOTH_STACKS 0");
+    list.push_back("OTHER_LIGHTS " + std::to_string(other_lights));
+    list.push_back("LIGHT_COUNT " + std::to_string(light_count));
     const std::pair<const char*, bool> parts[] = {{"FABRIC", fabric},
                                                   {"GAPS", gaps},
                                                   {"FOOTPRINT", several_points},
                                                   {"LAYERS", layers()},
                                                   {"MATTE", matte},
                                                   {"EMITTERS", emitters},
-                                                  {"ONE_LIGHT", one_light},
+                                                  {"FEW_LIGHTS", light_count >= 0},
+                                                  {"SKY", sky},
                                                   {"SHADOWS", shadows != ShadowNeed::none},
                                                   {"CONVEX", shadows == ShadowNeed::inward},
                                                   {"BOUNCES", bounces}};

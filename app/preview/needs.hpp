@@ -37,7 +37,9 @@ struct Needs {
     bool several_points = false;          // shaded points of a pixel in a frame
     bool compiled_model = true; // the model's settings are constants of the shader, not numbers in the frame's block
     int light_kinds = 0;        // bits 1 << kind
-    bool one_light = false;     // none has to be chosen
+    int light_count = -1;       // of few lights, none of which has to be chosen; -1: not known to the shader
+    bool sky = false;           // the first of several lights is an environment
+    int other_lights = -1;      // kind of all others, -1: of more than one
     cloth::f32::ClothSettings model{};
     ShadowNeed shadows = ShadowNeed::all;
     bool bounces = false;                // paths go on to a second surface

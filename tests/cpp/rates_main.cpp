@@ -48,8 +48,8 @@ struct Query {
     float far;
 };
 
-// The camera rays of a picture, pixel by pixel as the integrator goes, and from what they meet one shadow ray each to a
-// light that is chosen and sampled as cloth_direct does, where it is on the viewer's side.
+// The camera rays of a picture, pixel by pixel as the integrator goes, and from what they meet a shadow ray to each
+// light that the integrator asks, where it is on the viewer's side.
 void find_rays(const Scene& scene, const RayScene& rays, const Options& options, std::vector<Query>& camera_rays,
                std::vector<Query>& shadow_rays)
 {
@@ -66,14 +66,18 @@ void find_rays(const Scene& scene, const RayScene& rays, const Options& options,
             if (!hit.any || lights.count == 0) continue;
             const f32::ClothSurface surface =
                 f32::cloth_surface(triangle_of(scene.objects[hit.object], hit.triangle), ray);
-            const f32::ClothLightChoice choice =
-                f32::cloth_choose_light(lights, f32::cloth_draw(random, f32::cloth_dim_light).x);
-            const f32::ClothLightSample seen = f32::cloth_light_sample(
-                lights, choice.light, surface.position, f32::cloth_draw(random, f32::cloth_dim_subtexel),
-                f32::cloth_draw_bits(random, f32::cloth_dim_emitter));
-            if (seen.pdf <= 0.0f || glm::dot(seen.wi, surface.normal_g) <= 0.0f) continue;
-            shadow_rays.push_back(
-                {f32::cloth_leave(surface.position, surface.normal_g), seen.wi, seen.distance * (1.0f - 1e-4f)});
+            const int slots = f32::cloth_light_slots(lights, true);
+            for (int slot = 0; slot < slots; ++slot) {
+                const f32::ClothRandom own = f32::cloth_slot_random(random, slot);
+                const f32::ClothLightChoice choice =
+                    f32::cloth_ask_light(lights, slot, slots, f32::cloth_draw(own, f32::cloth_dim_light).x);
+                const f32::ClothLightSample seen = f32::cloth_light_sample(
+                    lights, choice.light, surface.position, f32::cloth_draw(own, f32::cloth_dim_subtexel),
+                    f32::cloth_draw_bits(own, f32::cloth_dim_emitter));
+                if (seen.pdf <= 0.0f || glm::dot(seen.wi, surface.normal_g) <= 0.0f) continue;
+                shadow_rays.push_back(
+                    {f32::cloth_leave(surface.position, surface.normal_g), seen.wi, seen.distance * (1.0f - 1e-4f)});
+            }
         }
 }
 

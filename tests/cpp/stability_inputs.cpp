@@ -673,6 +673,12 @@ const std::map<std::string_view, Kind>& kinds()
         {"bool", whole_kind(0, 1)},
         {"side", whole_kind(0, 1)},
         {"three", whole_kind(0, 2)},
+        {"slots",
+         {2, false,
+          [](Draw& d, Writer& o, Context&) {
+              const auto count = 1 + d.whole(cloth::f32::cloth_lights_asked);
+              o.put(d.whole(count)), o.put(count);
+          }}},
         {"zero", whole_kind(0, 0)},
         {"offset", {1, false, [](Draw& d, Writer& o, Context&) { o.put(16 * d.whole(64)); }}},
         {"exposure", number_kind([](Draw& d) { return d.between(-20, 20); })},
@@ -877,7 +883,7 @@ const char* const signatures[] = {
     "environment: environment_light direction > colour positive",
     "light_sample: any_light position u u word word > unit positive colour positive",
     "light_hit: any_light position toward > unit positive colour positive",
-    "choose_light: u > whole share",
+    "ask_light: u slots > whole share share",
     "shadow_roulette: part u part > positive share",
     "tone_neutral: colour > display",
     "srgb: share_colour > display",

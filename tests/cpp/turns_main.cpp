@@ -144,8 +144,7 @@ nlohmann::json measure(const Options& options)
             setenv("SELVEDGE_GLSL", glsl.c_str(), 1);
         scenes.push_back(std::make_unique<Scene>(load_scene(options.scene, model.overrides)));
         if (preview)
-            turns.push_back(
-                std::make_unique<PreviewTurn>(*scenes.back(), context->info, options.side, model.preview));
+            turns.push_back(std::make_unique<PreviewTurn>(*scenes.back(), context->info, options.side, model.preview));
         else
             turns.push_back(std::make_unique<ReferenceTurn>(*scenes.back(), options.side));
         turns.back()->draw(); // compiles, fills caches
