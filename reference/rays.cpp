@@ -49,10 +49,12 @@ struct ShadowContext {
 #else
     RTCIntersectContext base;
 #endif
-    std::vector<CrossedSheet>* noted; // of rays without roulette
+    std::vector<CrossedSheet>* noted; // sheets that are looked at later
     const Sheets* sheets;             // of the scene, by object
     const f32::ClothSettings* settings;
-    ShadowRay* ray; // that has a roulette and goes alone
+    bool stops = false;                 // at the first sheet, which is noted
+    ShadowRay* ray = nullptr;           // that goes on from there: its sheets are looked at now,
+    const CrossedSheet* past = nullptr; // but for that one
 };
 
 // Rays that go nearly the same way are traced so many at a time.
@@ -81,7 +83,14 @@ void find_crossing(CrossedSheet& sheet, const Sheets& of, glm::vec3 direction)
     f32::cloth_prefetch_horizons(of.maps, spot);
 }
 
-// Lets shadow rays through one sheet of cloth. It is noted, or, for a ray with a roulette, looked at now.
+// What a ray with a roulette has left behind a sheet.
+void pass(ShadowRay& ray, const Sheets& of, const CrossedSheet& sheet, const f32::ClothSettings& settings)
+{
+    ray.share.left *= f32::cloth_transmittance(of.maps, sheet.tile, sheet.direction, settings);
+    ray.share = f32::cloth_shadow_roulette(ray.share, ray.least);
+}
+
+// Lets shadow rays through one sheet of cloth, or ends them there.
 void cross_sheet(const RTCFilterFunctionNArguments* arguments)
 {
     ShadowContext& context = *reinterpret_cast<ShadowContext*>(arguments->context);
@@ -97,14 +106,18 @@ void cross_sheet(const RTCFilterFunctionNArguments* arguments)
                               glm::vec3(0.0f)};
         const Sheets& of = context.sheets[sheet.object];
         if (context.ray) {
+            const bool is_past = sheet.object == context.past->object && sheet.triangle == context.past->triangle;
+            if (is_past) {
+                arguments->valid[k] = 0;
+                continue;
+            }
             find_crossing(sheet, of, context.ray->direction);
-            f32::ClothShare& share = context.ray->share;
-            share.left *= f32::cloth_transmittance(of.maps, sheet.tile, sheet.direction, *context.settings);
-            share = f32::cloth_shadow_roulette(share, context.ray->least);
-            if (share.left <= 0.0f) continue;
+            pass(*context.ray, of, sheet, *context.settings);
+            if (context.ray->share.left <= 0.0f) continue;
         } else {
             __builtin_prefetch(of.triangles.data() + sheet.triangle);
             context.noted->push_back(sheet);
+            if (context.stops) continue;
         }
         arguments->valid[k] = 0;
     }
@@ -203,25 +216,70 @@ void RayScene::closest_together(const PencilRay* rays, std::uint32_t count, RayH
     }
 }
 
+namespace
+{
+
+// One shadow ray, number k: whether it is blocked.
+bool is_blocked(RTCScene scene, const ShadowRay& from, std::uint32_t k, ShadowContext& context)
+{
+    RTCRay ray;
+    ray.org_x = from.origin.x, ray.org_y = from.origin.y, ray.org_z = from.origin.z;
+    ray.dir_x = from.direction.x, ray.dir_y = from.direction.y, ray.dir_z = from.direction.z;
+    ray.tnear = 0.0f;
+    ray.tfar = from.far;
+    ray.time = 0.0f;
+    ray.mask = ~0u;
+    ray.id = k;
+    ray.flags = 0;
+#if RTC_VERSION_MAJOR >= 4
+    RTCOccludedArguments arguments;
+    rtcInitOccludedArguments(&arguments);
+    arguments.context = &context.base;
+    arguments.flags = RTC_RAY_QUERY_FLAG_INCOHERENT;
+    rtcOccluded1(scene, &ray, &arguments);
+#else
+    context.base.flags = RTC_INTERSECT_CONTEXT_FLAG_INCOHERENT;
+    rtcOccluded1(scene, &context.base, &ray);
+#endif
+    return ray.tfar < 0.0f;
+}
+
+} // namespace
+
 void RayScene::find_transmittances(ShadowRay* rays, std::uint32_t together, std::uint32_t count,
                                    const f32::ClothSettings& settings, std::vector<CrossedSheet>& sheets) const
 {
-    sheets.clear();
     ShadowContext context;
     context.noted = &sheets;
     context.sheets = state_->sheets.data();
     context.settings = &settings;
-    context.ray = nullptr;
 #if RTC_VERSION_MAJOR >= 4
     rtcInitRayQueryContext(&context.base);
-    RTCOccludedArguments arguments;
-    rtcInitOccludedArguments(&arguments);
-    arguments.context = &context.base;
-    arguments.flags = RTC_RAY_QUERY_FLAG_COHERENT;
 #else
     rtcInitIntersectContext(&context.base);
-    context.base.flags = RTC_INTERSECT_CONTEXT_FLAG_COHERENT;
 #endif
+
+    // Rays with a roulette end at the first sheet, most for good. Those that it lets through set out again.
+    sheets.clear();
+    context.stops = true;
+    for (std::uint32_t k = together; k < count; ++k) {
+        if (rays[k].least <= 0.0f) continue;
+        const std::size_t before = sheets.size();
+        if (is_blocked(state_->scene, rays[k], k, context) && sheets.size() == before) rays[k].share.left = 0.0f;
+    }
+    context.stops = false;
+    for (CrossedSheet& sheet : sheets) find_crossing(sheet, state_->sheets[sheet.object], rays[sheet.ray].direction);
+    for (const CrossedSheet& sheet : sheets) {
+        ShadowRay& ray = rays[sheet.ray];
+        pass(ray, state_->sheets[sheet.object], sheet, settings);
+        if (ray.share.left <= 0.0f) continue;
+        context.ray = &ray;
+        context.past = &sheet;
+        if (is_blocked(state_->scene, ray, sheet.ray, context)) ray.share.left = 0.0f;
+    }
+    context.ray = nullptr;
+
+    sheets.clear();
     for (std::uint32_t first = 0; first < together; first += packet) {
         alignas(64) int valid[packet];
         alignas(64) RTCRay16 query;
@@ -232,38 +290,24 @@ void RayScene::find_transmittances(ShadowRay* rays, std::uint32_t together, std:
             query.id[k] = at;
         }
 #if RTC_VERSION_MAJOR >= 4
+        RTCOccludedArguments arguments;
+        rtcInitOccludedArguments(&arguments);
+        arguments.context = &context.base;
+        arguments.flags = RTC_RAY_QUERY_FLAG_COHERENT;
         rtcOccluded16(valid, state_->scene, &query, &arguments);
 #else
+        context.base.flags = RTC_INTERSECT_CONTEXT_FLAG_COHERENT;
         rtcOccluded16(valid, state_->scene, &context.base, &query);
 #endif
         for (std::uint32_t k = 0; k < packet && first + k < together; ++k)
             if (query.tfar[k] < 0.0f) rays[first + k].share.left = 0.0f;
     }
-#if RTC_VERSION_MAJOR >= 4
-    arguments.flags = RTC_RAY_QUERY_FLAG_INCOHERENT;
-#else
-    context.base.flags = RTC_INTERSECT_CONTEXT_FLAG_INCOHERENT;
-#endif
     for (std::uint32_t k = together; k < count; ++k) {
-        RTCRay ray;
-        ray.org_x = rays[k].origin.x, ray.org_y = rays[k].origin.y, ray.org_z = rays[k].origin.z;
-        ray.dir_x = rays[k].direction.x, ray.dir_y = rays[k].direction.y, ray.dir_z = rays[k].direction.z;
-        ray.tnear = 0.0f;
-        ray.tfar = rays[k].far;
-        ray.time = 0.0f;
-        ray.mask = ~0u;
-        ray.id = k;
-        ray.flags = 0;
-        const std::size_t crossed = sheets.size();
-        context.ray = rays[k].least > 0.0f ? &rays[k] : nullptr;
-#if RTC_VERSION_MAJOR >= 4
-        rtcOccluded1(state_->scene, &ray, &arguments);
-#else
-        rtcOccluded1(state_->scene, &context.base, &ray);
-#endif
-        const bool blocked = ray.tfar < 0.0f;
-        if (blocked) sheets.resize(crossed);
-        if (blocked) rays[k].share.left = 0.0f;
+        if (rays[k].least > 0.0f) continue;
+        const std::size_t before = sheets.size();
+        if (!is_blocked(state_->scene, rays[k], k, context)) continue;
+        sheets.resize(before);
+        rays[k].share.left = 0.0f;
     }
     if (sheets.empty()) return;
 
