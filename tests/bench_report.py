@@ -175,8 +175,9 @@ force, one march for each block and azimuth, in the same run; of many blocks eve
 Accuracy is the RMS of V against exact rays over texels, both sides, and directions uniform in solid angle; `none` is V = 1.""",
     "reference": """\
 `samples_over_raw_embree`: time of the same rays one by one in bare Embree, a camera ray a sample and as many shadow rays as the integrator
-traced, over the time of the integrator's sample (`direct`, one light sample), on one thread, in one process, in turn; the bare tree is of
-high quality and without filters. `meso_over_micro` and `speedup_2_threads` are ratios of rendering seconds of runs in turn.
+traced, over the time of the integrator's sample (`direct`), on one thread, in one process, in turn; the bare tree is of
+high quality and without filters. `demo_sky` and `demo_sun` are the demo scene with one of its lights; with both, as *demo*, a camera ray asks
+both. `meso_over_micro` and `speedup_2_threads` are ratios of rendering seconds of runs in turn.
 `bytes_per_triangle` is resident memory of mesh and tree. `adaptive_efficiency` compares sampling by `--target-error` with uniform sampling.
 
 `efficiency_over_mitsuba`: 1/(relMSE × seconds) of the reference over that of Mitsuba 3 (`llvm_ad_rgb`, `path`), on scenes that both render: same

@@ -11,7 +11,11 @@ sys.path.insert(0, str(pathlib.Path(__file__).resolve().parents[1]))
 import bench_mitsuba  # noqa: E402
 import bench_report  # noqa: E402
 
-SCENES = ["cylinder_satin", "demo"]
+# What is held to bare Embree: scene, overrides. One light each, as the target is for one sample of a light; the demo also with both of
+# its lights, which all its camera rays ask.
+RATES = {"cylinder_satin": ("cylinder_satin",), "demo_sky": ("demo", "-D", "lights.1.irradiance=[0,0,0]"), "demo_sun": ("demo", "-D", "lights.0.scale=0"),
+         "demo": ("demo",)}
+SEVERAL_LIGHTS = ("demo",)
 CURVE_SCENE = "cylinder_satin"
 TRUTH_SEED = 90001   # apart from those of the runs
 TRIANGLES = [10**3, 10**4, 10**5, 10**6]
@@ -32,11 +36,11 @@ def scene_file(name):
 
 
 def raw_rates(options):
-    """Figures of samples against bare rays, one thread; that of the contract is of the worst scene."""
+    """Figures of samples against bare rays, one thread; that of the contract is of the worst scene with one light."""
     figures, ratios = {}, {}
-    for scene in SCENES:
+    for scene, (name, *overrides) in RATES.items():
         say(f"raw Embree, {scene}")
-        report = bench_report.run_program("selvedge-rates", "samples", scene_file(scene), "--side", options["side"], "--rounds", options["rounds"])
+        report = bench_report.run_program("selvedge-rates", "samples", scene_file(name), "--side", options["side"], "--rounds", options["rounds"], *overrides)
         ratios[scene] = report["samples_over_raw_embree"]
         note = (f"{report['sample_ns']:.0f} ns a sample; bare: camera ray {report['closest_ns']:.0f} ns, shadow ray {report['occluded_ns']:.0f} ns, "
                 f"{report['shadow_rays_per_sample']:.2f} of them a sample")
@@ -44,7 +48,7 @@ def raw_rates(options):
         rate = 1e9 * report["rays_per_sample"] / report["sample_ns"] + 1e9 * report["shadow_rays_per_sample"] / report["sample_ns"]
         figures[f"{scene}.samples_per_second"] = bench_report.figure(1e9 / report["sample_ns"], "1/s", "higher", runs=options["rounds"])
         figures[f"{scene}.rays_per_second"] = bench_report.figure(rate, "1/s", "higher", runs=options["rounds"])
-    worst = min(ratios, key=ratios.get)
+    worst = min(ratios.keys() - set(SEVERAL_LIGHTS), key=ratios.get)
     return {"samples_over_raw_embree": bench_report.figure(ratios[worst], "x", "higher", target=.4, runs=options["rounds"],
                                                            note=f"{worst}; the aim is 0.6")} | figures
 
