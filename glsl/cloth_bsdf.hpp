@@ -22,6 +22,17 @@ inline std::uint32_t cloth_multiply_high(std::uint32_t a, std::uint32_t b)
     return static_cast<std::uint32_t>((std::uint64_t(a) * b) >> 32);
 }
 
+// That of glm is a comparison, which GCC makes a branch of.
+inline float abs(float x)
+{
+    return std::fabs(x);
+}
+
+inline double abs(double x)
+{
+    return std::fabs(x);
+}
+
 }   // namespace cloth
 
 namespace cloth::f32 {
@@ -30,11 +41,6 @@ using real = float;
 using real2 = vec2;
 using real3 = vec3;
 using real4 = vec4;
-// That of glm is a comparison, which GCC makes a branch of.
-inline real abs(real x)
-{
-    return std::fabs(x);
-}
 #include "cloth.h"
 }   // namespace cloth::f32
 
@@ -44,10 +50,5 @@ using real = double;
 using real2 = dvec2;
 using real3 = dvec3;
 using real4 = dvec4;
-// That of glm is a comparison, which GCC makes a branch of.
-inline real abs(real x)
-{
-    return std::fabs(x);
-}
 #include "cloth.h"
 }   // namespace cloth::f64

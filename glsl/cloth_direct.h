@@ -38,6 +38,15 @@ struct ClothDirect {
 // by 8 % (measured with one of its two lights at a time).
 CLOTH_CONST real cloth_faint = real(0.25);
 
+// Below what is left of its light a shadow ray's roulette begins, as a share of what the ray brings; 0: it has none.
+//   brings  luminance of what it brings if nothing is in the way;  all  of what its sample has, the ray's included
+CLOTH_FN real cloth_least(real brings, real all)
+{
+    if (!(brings > real(0))) return real(0);   // luminance may have underflowed
+    real least = cloth_faint * all / brings;
+    return least < real(1e30) ? least : real(0);
+}
+
 // What a shadow ray has left of its light, and what decides in a roulette: [0, 1), stretched to be uniform again each time.
 struct ClothShare {
     real left;

@@ -453,13 +453,13 @@ void Renderer::add_light(Batch& batch, int slot, int slots, Counters& counters) 
             }
             // Rays that go together save nothing by a roulette, so they have none.
             const float least =
-                small ? 0.0f : f32::cloth_faint * (batch.bright[lane] + brings[0] + brings[1]) / brings[way];
+                small ? 0.0f : f32::cloth_least(brings[way], batch.bright[lane] + brings[0] + brings[1]);
             const glm::vec3 normal = vertex.surface.normal_g;
             ShadowRay query = {
                 f32::cloth_leave(vertex.surface.position, glm::dot(light.wi, normal) > 0.0f ? normal : -normal),
                 light.wi,
                 light.distance * (1.0f - 1e-4f),
-                least < 1e30f ? least : 0.0f,
+                least,
                 {1.0f, way == 0 ? u : 1.0f - u}}; // the decisions on the two ways are each other's opposites
             query.share = f32::cloth_shadow_roulette(query.share, query.least);
             if (query.share.left <= 0.0f) {

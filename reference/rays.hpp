@@ -62,8 +62,8 @@ class RayScene
     // same surface may it be the other one that is met.
     void closest_together(const PencilRay* rays, std::uint32_t count, RayHit* hits) const;
     // Share of the light that arrives: 0 behind matte, times cloth_transmittance for every sheet of cloth in the way.
-    // Of many rays at once, so that what the maps say of one sheet is on its way while others are looked at; those with
-    // a roulette, which may be over at any sheet, one by one.
+    // Of many rays at once, so that what the maps say of one sheet is on its way while others are looked at. With a
+    // roulette the way may be over at any sheet: all go as far as their first one, those that pass it on by themselves.
     //   together  so many of them, the first, go nearly the same way, without roulette; the answers' bits do not depend
     //             on it
     //   sheets    room to work in, kept from call to call by those who have many

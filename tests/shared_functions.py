@@ -964,6 +964,18 @@ def _():
     return lambda rng: light_inputs(rng, True), expect
 
 
+@function("least")
+def _():
+    def inputs(rng):
+        brings = np.where(rng.random(N) < .1, 0, 10 ** rng.uniform(-35, 8, N))
+        return np.c_[brings, brings + np.where(rng.random(N) < .3, 0, 10 ** rng.uniform(-8, 8, N))]
+    def expect(xs):
+        brings, every = xs.T
+        least = .25 * every / np.where(brings > 0, brings, 1)
+        return np.where((brings > 0) & (least < 1e30), least, 0)[:, None]
+    return inputs, expect
+
+
 @function("shadow_roulette", loose=0.005, why="a choice at its edge falls either way")
 def _():
     def inputs(rng):

@@ -68,6 +68,7 @@ ROW(environment, 22, 4, real4 c = cloth_environment(in_lights(), in_light(0), in
 ROW(light_sample, 28, 8, out_light(0, cloth_light_sample(in_lights(), in_light(0), in3(19), in2(22), uvec2(in_word(24), in_word(26))));)
 ROW(light_hit, 25, 8, out_light(0, cloth_light_hit(in_lights(), in_light(0), in3(19), in3(22)));)
 ROW(ask_light, 3, 3, ClothLightChoice c = cloth_ask_light(in_lights(), in_int(1), in_int(2), in1(0)); out1(0, real(c.light.kind)); out1(1, c.u); out1(2, c.light.pmf);)
+ROW(least, 2, 1, out1(0, cloth_least(in1(0), in1(1)));)
 ROW(shadow_roulette, 3, 2, ClothShare s = cloth_shadow_roulette(ClothShare(in1(0), in1(1)), in1(2)); out1(0, s.left); out1(1, s.u);)
 
 // ---- color.h

@@ -148,7 +148,8 @@ def main():
     figures, load = {}, bench_report.other_load()
     with tempfile.TemporaryDirectory(prefix="selvedge-bench-") as folder:
         bench = Bench(folder, options)
-        parts = {"frames": bench.frames_of_scenes, "skips": bench.skips, "stripped": bench.stripped, "first": bench.first_picture, "edits": bench.edits, "equality": bench.equality}
+        parts = {"frames": bench.frames_of_scenes, "skips": bench.skips, "stripped": bench.stripped,
+                 "first": bench.first_picture, "edits": bench.edits, "equality": bench.equality}
         for name, part in parts.items():
             if options.only and name not in options.only:
                 continue

@@ -884,6 +884,7 @@ const char* const signatures[] = {
     "light_sample: any_light position u u word word > unit positive colour positive",
     "light_hit: any_light position toward > unit positive colour positive",
     "ask_light: u slots > whole share share",
+    "least: value value > positive",
     "shadow_roulette: part u part > positive share",
     "tone_neutral: colour > display",
     "srgb: share_colour > display",
