@@ -57,10 +57,24 @@ struct ShadowContext {
     const CrossedSheet* past = nullptr; // but for that one
 };
 
-// Rays that go nearly the same way are traced so many at a time.
-constexpr std::uint32_t packet = 16;
+// Rays that go nearly the same way are traced in packets as wide as the processor's vectors. Embree takes wider ones,
+// too, but makes streams of them, which do not look at which lanes are valid and find other last bits.
+template <unsigned width> struct Packet;
+template <> struct Packet<8> {
+    using Ray = RTCRay8;
+    using RayHit = RTCRayHit8;
+    static constexpr auto intersect = rtcIntersect8;
+    static constexpr auto occluded = rtcOccluded8;
+};
+template <> struct Packet<16> {
+    using Ray = RTCRay16;
+    using RayHit = RTCRayHit16;
+    static constexpr auto intersect = rtcIntersect16;
+    static constexpr auto occluded = rtcOccluded16;
+};
 
-void set_ray(RTCRay16& rays, std::uint32_t k, glm::vec3 origin, glm::vec3 direction, float near, float far)
+template <typename Rays>
+void set_ray(Rays& rays, std::uint32_t k, glm::vec3 origin, glm::vec3 direction, float near, float far)
 {
     rays.org_x[k] = origin.x, rays.org_y[k] = origin.y, rays.org_z[k] = origin.z;
     rays.dir_x[k] = direction.x, rays.dir_y[k] = direction.y, rays.dir_z[k] = direction.z;
@@ -128,6 +142,7 @@ void cross_sheet(const RTCFilterFunctionNArguments* arguments)
 struct RayScene::State {
     RTCDevice device = nullptr;
     RTCScene scene = nullptr;
+    bool packets_of_16 = false, packets_of_8 = false; // what the processor has vectors for
     std::vector<Sheets> sheets;
 
     ~State()
@@ -141,6 +156,8 @@ RayScene::RayScene(const Scene& scene) : state_(std::make_unique<State>())
 {
     State& state = *state_;
     state.device = new_device();
+    state.packets_of_16 = rtcGetDeviceProperty(state.device, RTC_DEVICE_PROPERTY_NATIVE_RAY16_SUPPORTED) != 0;
+    state.packets_of_8 = rtcGetDeviceProperty(state.device, RTC_DEVICE_PROPERTY_NATIVE_RAY8_SUPPORTED) != 0;
     state.scene = rtcNewScene(state.device);
     rtcSetSceneFlags(state.scene, RTC_SCENE_FLAG_ROBUST);
     // High quality splits triangles, and then Embree may show one crossing to the filter twice, which would be counted
@@ -176,13 +193,15 @@ RayHit RayScene::closest(glm::vec3 origin, glm::vec3 direction, float near, floa
     return {true, query.hit.geomID, query.hit.primID, query.ray.tfar};
 }
 
-void RayScene::closest_together(const PencilRay* rays, std::uint32_t count, RayHit* hits) const
+template <unsigned width>
+static void closest_in_packets(const RayScene& scene, RTCScene tree, const PencilRay* rays, std::uint32_t count,
+                               RayHit* hits)
 {
     constexpr float edge = 1e-4f;
-    for (std::uint32_t first = 0; first < count; first += packet) {
-        alignas(64) int valid[packet];
-        alignas(64) RTCRayHit16 query;
-        for (std::uint32_t k = 0; k < packet; ++k) {
+    for (std::uint32_t first = 0; first < count; first += width) {
+        alignas(64) int valid[width];
+        alignas(64) typename Packet<width>::RayHit query;
+        for (std::uint32_t k = 0; k < width; ++k) {
             const PencilRay& ray = rays[std::min(first + k, count - 1)];
             valid[k] = first + k < count ? -1 : 0;
             set_ray(query.ray, k, ray.origin, ray.direction, ray.near, std::numeric_limits<float>::infinity());
@@ -194,14 +213,14 @@ void RayScene::closest_together(const PencilRay* rays, std::uint32_t count, RayH
         RTCIntersectArguments arguments;
         rtcInitIntersectArguments(&arguments);
         arguments.flags = RTC_RAY_QUERY_FLAG_COHERENT;
-        rtcIntersect16(valid, state_->scene, &query, &arguments);
+        Packet<width>::intersect(valid, tree, &query, &arguments);
 #else
         RTCIntersectContext context;
         rtcInitIntersectContext(&context);
         context.flags = RTC_INTERSECT_CONTEXT_FLAG_COHERENT;
-        rtcIntersect16(valid, state_->scene, &context, &query);
+        Packet<width>::intersect(valid, tree, &context, &query);
 #endif
-        for (std::uint32_t k = 0; k < packet && first + k < count; ++k) {
+        for (std::uint32_t k = 0; k < width && first + k < count; ++k) {
             RayHit& hit = hits[first + k];
             hit = {query.hit.geomID[k] != RTC_INVALID_GEOMETRY_ID, query.hit.geomID[k], query.hit.primID[k],
                    query.ray.tfar[k]};
@@ -211,9 +230,17 @@ void RayScene::closest_together(const PencilRay* rays, std::uint32_t count, RayH
             const float u = query.hit.u[k], v = query.hit.v[k];
             const PencilRay& ray = rays[first + k];
             if (std::min({u, v, 1.0f - u - v}) < edge)
-                hit = closest(ray.origin, ray.direction, ray.near, std::numeric_limits<float>::infinity());
+                hit = scene.closest(ray.origin, ray.direction, ray.near, std::numeric_limits<float>::infinity());
         }
     }
+}
+
+void RayScene::closest_together(const PencilRay* rays, std::uint32_t count, RayHit* hits) const
+{
+    if (state_->packets_of_16) return closest_in_packets<16>(*this, state_->scene, rays, count, hits);
+    if (state_->packets_of_8) return closest_in_packets<8>(*this, state_->scene, rays, count, hits);
+    for (std::uint32_t k = 0; k < count; ++k)
+        hits[k] = closest(rays[k].origin, rays[k].direction, rays[k].near, std::numeric_limits<float>::infinity());
 }
 
 namespace
@@ -242,6 +269,34 @@ bool is_blocked(RTCScene scene, const ShadowRay& from, std::uint32_t k, ShadowCo
     rtcOccluded1(scene, &context.base, &ray);
 #endif
     return ray.tfar < 0.0f;
+}
+
+// The first shadow rays that go together: whether they are blocked.
+template <unsigned width>
+void block_in_packets(RTCScene scene, ShadowRay* rays, std::uint32_t together, ShadowContext& context)
+{
+    for (std::uint32_t first = 0; first < together; first += width) {
+        alignas(64) int valid[width];
+        alignas(64) typename Packet<width>::Ray query;
+        for (std::uint32_t k = 0; k < width; ++k) {
+            const std::uint32_t at = std::min(first + k, together - 1);
+            valid[k] = first + k < together ? -1 : 0;
+            set_ray(query, k, rays[at].origin, rays[at].direction, 0.0f, rays[at].far);
+            query.id[k] = at;
+        }
+#if RTC_VERSION_MAJOR >= 4
+        RTCOccludedArguments arguments;
+        rtcInitOccludedArguments(&arguments);
+        arguments.context = &context.base;
+        arguments.flags = RTC_RAY_QUERY_FLAG_COHERENT;
+        Packet<width>::occluded(valid, scene, &query, &arguments);
+#else
+        context.base.flags = RTC_INTERSECT_CONTEXT_FLAG_COHERENT;
+        Packet<width>::occluded(valid, scene, &context.base, &query);
+#endif
+        for (std::uint32_t k = 0; k < width && first + k < together; ++k)
+            if (query.tfar[k] < 0.0f) rays[first + k].share.left = 0.0f;
+    }
 }
 
 } // namespace
@@ -280,30 +335,15 @@ void RayScene::find_transmittances(ShadowRay* rays, std::uint32_t together, std:
     context.ray = nullptr;
 
     sheets.clear();
-    for (std::uint32_t first = 0; first < together; first += packet) {
-        alignas(64) int valid[packet];
-        alignas(64) RTCRay16 query;
-        for (std::uint32_t k = 0; k < packet; ++k) {
-            const std::uint32_t at = std::min(first + k, together - 1);
-            valid[k] = first + k < together ? -1 : 0;
-            set_ray(query, k, rays[at].origin, rays[at].direction, 0.0f, rays[at].far);
-            query.id[k] = at;
-        }
-#if RTC_VERSION_MAJOR >= 4
-        RTCOccludedArguments arguments;
-        rtcInitOccludedArguments(&arguments);
-        arguments.context = &context.base;
-        arguments.flags = RTC_RAY_QUERY_FLAG_COHERENT;
-        rtcOccluded16(valid, state_->scene, &query, &arguments);
-#else
-        context.base.flags = RTC_INTERSECT_CONTEXT_FLAG_COHERENT;
-        rtcOccluded16(valid, state_->scene, &context.base, &query);
-#endif
-        for (std::uint32_t k = 0; k < packet && first + k < together; ++k)
-            if (query.tfar[k] < 0.0f) rays[first + k].share.left = 0.0f;
-    }
-    for (std::uint32_t k = together; k < count; ++k) {
-        if (rays[k].least > 0.0f) continue;
+    std::uint32_t alone = together;
+    if (state_->packets_of_16)
+        block_in_packets<16>(state_->scene, rays, together, context);
+    else if (state_->packets_of_8)
+        block_in_packets<8>(state_->scene, rays, together, context);
+    else
+        alone = 0;
+    for (std::uint32_t k = alone; k < count; ++k) {
+        if (k >= together && rays[k].least > 0.0f) continue;
         const std::size_t before = sheets.size();
         if (!is_blocked(state_->scene, rays[k], k, context)) continue;
         sheets.resize(before);
@@ -316,6 +356,11 @@ void RayScene::find_transmittances(ShadowRay* rays, std::uint32_t together, std:
     std::sort(sheets.begin(), sheets.end(), [](const CrossedSheet& a, const CrossedSheet& b) {
         return std::tie(a.ray, a.object, a.triangle) < std::tie(b.ray, b.object, b.triangle);
     });
+    // Embree shows a crossing of a ray in a packet of 8 more than once, now and then.
+    const auto last = std::unique(sheets.begin(), sheets.end(), [](const CrossedSheet& a, const CrossedSheet& b) {
+        return a.ray == b.ray && a.object == b.object && a.triangle == b.triangle;
+    });
+    sheets.erase(last, sheets.end());
     for (CrossedSheet& sheet : sheets) find_crossing(sheet, state_->sheets[sheet.object], rays[sheet.ray].direction);
     for (const CrossedSheet& sheet : sheets)
         rays[sheet.ray].share.left *=

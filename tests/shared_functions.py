@@ -964,7 +964,7 @@ def _():
     return lambda rng: light_inputs(rng, True), expect
 
 
-@function("least")
+@function("least", strict=True)
 def _():
     def inputs(rng):
         brings = np.where(rng.random(N) < .1, 0, 10 ** rng.uniform(-35, 8, N))

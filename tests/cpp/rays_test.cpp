@@ -52,21 +52,27 @@ Scene bumpy_scene(int side)
     return scene;
 }
 
-// Folds of a cloth with gaps, six times, and a ball between them.
-Scene hanging_cloth()
+const std::string gauze = R"("fabric": {"name": "gauze", "pattern": "plain 1/1", "resolution": 64,
+                                        "warp": {"width": 0.0003}, "weft": {"width": 0.0003}})";
+
+Scene scene_of(const std::string& objects)
 {
     const std::string path =
         (std::filesystem::temp_directory_path() / ("selvedge-rays-" + std::to_string(getpid()) + ".json")).string();
-    std::string objects = R"({"shape": "sphere", "scale": 0.3, "translate": [0, 0.8, -0.4]})";
-    for (int k = 0; k < 6; ++k)
-        objects += R"(, {"shape": "curtain", "translate": [0.1, 0, )" + std::to_string(-0.3 * k) +
-                   R"(], "fabric": {"name": "gauze", "pattern": "plain 1/1", "resolution": 64,
-                                    "warp": {"width": 0.0003}, "weft": {"width": 0.0003}}})";
     std::ofstream(path) << R"({"camera": {"position": [0, 1, 4], "target": [0, 1, 0], "fov": 40}, "objects": [)" +
                                objects + "] }";
     Scene scene = load_scene(path);
     std::filesystem::remove(path);
     return scene;
+}
+
+// Folds of a cloth with gaps, six times, and a ball between them.
+Scene hanging_cloth()
+{
+    std::string objects = R"({"shape": "sphere", "scale": 0.3, "translate": [0, 0.8, -0.4]})";
+    for (int k = 0; k < 6; ++k)
+        objects += R"(, {"shape": "curtain", "translate": [0.1, 0, )" + std::to_string(-0.3 * k) + "], " + gauze + "}";
+    return scene_of(objects);
 }
 
 // Rays from one lamp to everywhere in a scene and behind it.
@@ -82,6 +88,31 @@ std::vector<ShadowRay> rays_of_a_lamp(const Scene& scene)
         const glm::vec3 target = middle + half * (glm::vec3(a.x, a.y, b.x) * 2.0f - 1.0f);
         const glm::vec3 origin = middle + half * glm::vec3(0.3f, 0.2f, 1.5f);
         queries.push_back({origin, (target - origin) * 4.0f, 1.0f, 0.0f, {1.0f, 0.0f}});
+    }
+    return queries;
+}
+
+// A tube of the same cloth, upright about the origin.
+Scene tube(float radius)
+{
+    return scene_of(R"({"shape": "cylinder", "scale": [)" + std::to_string(radius) + ", 0.14, " +
+                    std::to_string(radius) + "], " + gauze + "}");
+}
+
+// Rays to a lamp from a strip of a tube, most from the side that it lights and some from the one behind, seen through
+// gaps.
+std::vector<ShadowRay> rays_through_a_tube(float radius)
+{
+    const glm::vec3 lamp(0.07f, 0.03f, 0.36f);
+    std::vector<ShadowRay> queries;
+    for (std::uint32_t k = 0; k < 40000; ++k) {
+        const glm::vec2 a = f32::cloth_random(9u, k, 0u), b = f32::cloth_random(9u, k, 1u);
+        const bool behind = b.y < 0.125f;
+        const float x = 0.95f * radius * (2.0f * a.x - 1.0f), z = std::sqrt(radius * radius - x * x);
+        const glm::vec3 normal = glm::vec3(x, 0.0f, behind ? -z : z) / radius;
+        const glm::vec3 origin = normal * radius + glm::vec3(0.0f, 0.027f + 0.006f * b.x, 0.0f);
+        queries.push_back(
+            {f32::cloth_leave(origin, behind ? -normal : normal), lamp - origin, 1.0f, 0.0f, {1.0f, 0.0f}});
     }
     return queries;
 }
@@ -123,12 +154,14 @@ TEST_CASE("rays that are traced together meet what they meet alone, at shared ed
     CHECK(differ == 0);
 }
 
+// Seen red with a packet's last ray repeated in the lanes that have none, and with crossings that are shown twice.
 TEST_CASE("light through sheets of cloth does not depend on which rays go together")
 {
-    const Scene scene = hanging_cloth();
+    const bool folds = GENERATE(true, false);
+    const Scene scene = folds ? hanging_cloth() : tube(0.035f);
     const RayScene rays(scene);
     REQUIRE(rays.needs().filtered_objects > 0);
-    const std::vector<ShadowRay> queries = rays_of_a_lamp(scene);
+    const std::vector<ShadowRay> queries = folds ? rays_of_a_lamp(scene) : rays_through_a_tube(0.035f);
     std::vector<CrossedSheet> sheets;
     std::vector<ShadowRay> together = queries;
     const std::uint32_t count = 40;
@@ -142,6 +175,7 @@ TEST_CASE("light through sheets of cloth does not depend on which rays go togeth
         differ += bits_of(alone) != bits_of(together[k].share.left) ? 1 : 0;
         partly += alone > 0.0f && alone != 1.0f ? 1 : 0;
     }
+    CAPTURE(folds);
     CHECK(partly > 500);
     CHECK(differ == 0);
 }
