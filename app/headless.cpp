@@ -4,6 +4,7 @@
 #include <csignal>
 #include <cstdio>
 #include <deque>
+#include <limits>
 #include <stdexcept>
 
 #include <nlohmann/json.hpp>
@@ -17,6 +18,7 @@
 #include "app/result.hpp"
 #include "bake/error.hpp"
 #include "bake/program.hpp"
+#include "reference/denoise.hpp"
 
 namespace selvedge
 {
@@ -195,7 +197,16 @@ int run_headless(LookdevOptions options)
     check_gl("drawing");
     const double seconds_render = seconds_since(start);
 
-    const RenderResult result = result_of(preview.read());
+    RenderResult result = result_of(preview.read());
+    // Two blocks of a half at least: below, the variances are 0 and say nothing.
+    const bool tiled = preview.tile_count() > 0;
+    const bool estimated = preview.frames() / preview.block_length() >= (tiled ? 4 : 2);
+    const double error = estimated ? error_estimate(result) : std::numeric_limits<double>::quiet_NaN();
+    const Clock::time_point denoise_start = Clock::now();
+    const bool cleaned = options.denoise && denoise(result);
+    const double seconds_denoise = seconds_since(denoise_start);
+    if (options.denoise && !cleaned && !options.quiet)
+        std::fprintf(stderr, "%s: warning: %s\n", program, noise_unknown);
     const char* integrator = options.paths ? "path" : "direct";
     ImageMetadata metadata = options.provenance;
     metadata["selvedge:scene"] = options.scene;
@@ -207,13 +218,11 @@ int run_headless(LookdevOptions options)
     metadata["selvedge:integrator"] = integrator;
     metadata["selvedge:block_length"] = std::to_string(preview.block_length());
     metadata["selvedge:gl"] = context->info.renderer + ", " + context->info.version;
+    if (cleaned) metadata["selvedge:denoised"] = "non-local means";
     for (const std::string& path : options.outputs) write_result(path, result, scene.film.exposure, metadata);
 
     const auto pixels = static_cast<std::uint64_t>(result.width) * static_cast<std::uint64_t>(result.height);
     const double median = quantile(pace.milliseconds, 0.5);
-    // Two blocks of a half at least: below, the variances are 0 and say nothing.
-    const bool tiled = preview.tile_count() > 0;
-    const bool estimated = preview.frames() / preview.block_length() >= (tiled ? 4 : 2);
     if (options.json) {
         rusage usage{};
         getrusage(RUSAGE_SELF, &usage);
@@ -225,7 +234,8 @@ int run_headless(LookdevOptions options)
              {{"load", scene.seconds_load},
               {"bake", scene.seconds_bake},
               {"build", seconds_build},
-              {"render", seconds_render}}},
+              {"render", seconds_render},
+              {"denoise", seconds_denoise}}},
             {"resolution", {result.width, result.height}},
             {"integrator", integrator},
             {"model", model_json(scene.model)},
@@ -234,7 +244,8 @@ int run_headless(LookdevOptions options)
             {"block_length", preview.block_length()},
             {"samples_per_second", static_cast<double>(preview.samples()) / std::max(seconds_render, 1e-9)},
             {"rays", nullptr}, // nobody counts them in a shader
-            {"error_estimate", estimated ? nlohmann::json(error_estimate(result)) : nlohmann::json()},
+            {"error_estimate", estimated ? nlohmann::json(error) : nlohmann::json()},
+            {"denoised", cleaned},
             {"stopped_by", stopped_by},
             {"peak_rss_bytes", static_cast<std::uint64_t>(usage.ru_maxrss) * 1024},
             {"buffer_bytes", preview.buffer_bytes()},

@@ -13,6 +13,7 @@
 #include "bake/error.hpp"
 #include "bake/image.hpp"
 #include "bake/program.hpp"
+#include "reference/denoise.hpp"
 #include "reference/film.hpp"
 #include "reference/model.hpp"
 #include "reference/rays.hpp"
@@ -93,6 +94,7 @@ LookdevOptions parse_options(int argc, char** argv, bool& done)
     app.add_option("--target-error", options.target_error,
                    "stop at this estimated relMSE, tile by tile (window: default what a display cannot show)")
         ->check(between(1e-12, 1e6));
+    app.add_flag("--denoise", options.denoise, "headless: " + std::string(denoise_help));
     app.add_option("--resolution", resolution, "WIDTH,HEIGHT instead of the scene's");
     app.add_option("--backend", backend, "headless: auto (EGL, then OSMesa), egl, osmesa");
     app.add_option("--integrator", integrator, "direct (default), path: with light that bounces");
@@ -155,8 +157,8 @@ LookdevOptions parse_options(int argc, char** argv, bool& done)
         if (options.exit_after_frames > 0 || !options.screenshot.empty())
             throw UsageError("--exit-after-frames and --screenshot are for the window, found --headless");
     } else if (options.frames > 0 || options.spp > 0 || options.time_s > 0 || !options.outputs.empty() ||
-               options.json || backend != "auto") {
-        throw UsageError("-o, --frames, --spp, --time, --backend and --json need --headless");
+               options.denoise || options.json || backend != "auto") {
+        throw UsageError("-o, --frames, --spp, --time, --denoise, --backend and --json need --headless");
     }
     for (const std::string& path : options.outputs) check_result_path(path);
     if (options.screenshot.empty()) options.screenshot = "selvedge.png";

@@ -36,6 +36,7 @@ struct LookdevOptions {
     std::uint32_t spp = 0;
     double time_s = 0;
     double target_error = 0; // of the window, too
+    bool denoise = false;
     Backend backend = Backend::automatic;
 
     // window

@@ -20,6 +20,7 @@
 #include "bake/image.hpp"
 #include "bake/program.hpp"
 #include "reference/checkpoint.hpp"
+#include "reference/denoise.hpp"
 #include "reference/film.hpp"
 #include "reference/integrator.hpp"
 #include "reference/model.hpp"
@@ -286,9 +287,10 @@ std::string number_text(double value)
 // What a picture holds when it is complete: in its header, so that --resume knows it again.
 std::string work_text(const RenderOptions& options, const Scene& scene, const RenderSettings& settings)
 {
-    return owner_text(options, scene, settings) + format_text(", %llu spp, %.9g s, error %.9g",
-                                                              static_cast<unsigned long long>(options.samples),
-                                                              options.time_s, options.target_error);
+    return owner_text(options, scene, settings) +
+           format_text(", %llu spp, %.9g s, error %.9g", static_cast<unsigned long long>(options.samples),
+                       options.time_s, options.target_error) +
+           (options.denoise ? ", denoised" : "");
 }
 
 bool is_complete(const std::vector<std::string>& outputs, const std::string& work)
@@ -337,7 +339,13 @@ nlohmann::json render_picture(const RenderOptions& options, const Job& job, tbb:
 
     const RenderState& state = outcome.state;
     const RenderSettings& settings = outcome.renderer->settings();
-    const RenderResult result = outcome.renderer->result(state);
+    RenderResult result = outcome.renderer->result(state);
+    const auto denoise_start = Clock::now();
+    bool cleaned = false;
+    if (options.denoise) arena.execute([&] { cleaned = denoise(result); });
+    const double denoise_seconds = seconds_since(denoise_start);
+    if (options.denoise && !cleaned && !options.quiet)
+        std::fprintf(stderr, "%s: warning: %s\n", render_program, noise_unknown);
     ImageMetadata metadata = provenance;
     metadata["selvedge:scene"] = options.scene;
     metadata["selvedge:scene_hash"] = scene.hash;
@@ -348,6 +356,7 @@ nlohmann::json render_picture(const RenderOptions& options, const Job& job, tbb:
     if (plies) metadata["selvedge:geometry"] = "plies";
     metadata["selvedge:block_length"] = std::to_string(settings.block_length);
     if (complete) metadata["selvedge:work"] = work;
+    if (cleaned) metadata["selvedge:denoised"] = "non-local means";
     for (const std::string& path : job.outputs) write_result(path, result, scene.film.exposure, metadata);
     // Complete pictures of a sequence are known by their headers; their checkpoints would fill the disk.
     std::error_code ignored;
@@ -378,7 +387,8 @@ nlohmann::json render_picture(const RenderOptions& options, const Job& job, tbb:
          {{"load", scene.seconds_load},
           {"bake", scene.seconds_bake},
           {"build", build_seconds},
-          {"render", outcome.seconds}}},
+          {"render", outcome.seconds},
+          {"denoise", denoise_seconds}}},
         {"resolution", {settings.resolution.x, settings.resolution.y}},
         {"region", {settings.region.x, settings.region.y, settings.region.z, settings.region.w}},
         {"integrator", metadata["selvedge:integrator"]},
@@ -393,6 +403,7 @@ nlohmann::json render_picture(const RenderOptions& options, const Job& job, tbb:
         {"shadow_rays", state.shadow_rays},
         {"bad_samples", state.bad_samples},
         {"error_estimate", std::isfinite(outcome.error) ? nlohmann::json(outcome.error) : nlohmann::json()},
+        {"denoised", cleaned},
         {"stopped_by", outcome.stopped_by},
         {"resumed_samples", outcome.resumed_samples},
         {"threads", threads},

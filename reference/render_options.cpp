@@ -12,6 +12,7 @@
 #include "bake/error.hpp"
 #include "bake/image.hpp"
 #include "bake/program.hpp"
+#include "reference/denoise.hpp"
 #include "reference/film.hpp"
 #include "reference/rays.hpp"
 
@@ -129,6 +130,7 @@ RenderOptions parse_render_options(int argc, char** argv, bool& done)
     app.add_option("--resolution", resolution, "WIDTH,HEIGHT instead of the scene's");
     app.add_option("--region", region,
                    "X0,Y0,X1,Y1: only pixels X0 <= x < X1, Y0 <= y < Y1; the rest of the picture stays 0");
+    app.add_flag("--denoise", options.denoise, denoise_help);
     app.add_option("--aov", aovs, aov_help())->allow_extra_args(false);
     app.add_option("--turntable", turntable, "N pictures of one turn about the vertical: OUT_0000, OUT_0001, ...")
         ->check(between(1, 100000));

@@ -31,6 +31,7 @@ struct RenderOptions {
     glm::ivec2 resolution{0, 0}; // 0: the scene's
     glm::ivec4 region{-1};       // -1: all
     unsigned aovs = 0;
+    bool denoise = false;
     bool resume = false, json = false, quiet = false;
     double checkpoint_s = 0.0; // 0: no checkpoints
     Overrides overrides;

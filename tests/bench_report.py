@@ -164,7 +164,8 @@ Seconds that each renderer takes to a given error, `direct` lighting, on the sam
 render of its own from the first sample on, with a seed of its own (`--spp` in both: the preview draws frames of up to 32 samples); the seconds are the program's `seconds.render`, which leaves out
 loading, baking, building the BVH and compiling shaders. The error is relMSE, mean of (a-b)²/(b²+0.01), against a long render by the
 reference with another seed, less the part that this long render's own variance layer accounts for; so the figure is that against the
-noiseless image. Passes over all sample counts are repeated, preview and reference in turn; line: median, band: lowest and highest.
+noiseless image. `speedup` compares pictures as they come; `denoised` is the preview's as the window shows it, through the filter of
+`--denoise`, whose seconds count, against the reference without it. Passes over all sample counts are repeated, preview and reference in turn; line: median, band: lowest and highest.
 Seconds to an error are interpolated between neighbouring points in the logarithms of both; *extrapolated* says that the series' time
 ran out above the error, and that the last points' slope and cost per sample were carried on, 32-fold at most.""",
     "bake": """\

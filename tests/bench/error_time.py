@@ -1,4 +1,4 @@
-"""Suite error-time: how many seconds the preview and the reference take to a given relMSE. Run by ./dev bench error-time."""
+"""Suite error-time: how many seconds the preview, with and without its filter, and the reference take to a given relMSE. Run by ./dev bench error-time."""
 import argparse
 import json
 import math
@@ -18,9 +18,10 @@ DELTA_LIGHTS = {"directional", "point", "spot", "flash"}
 TRUTH_SEED = 90001   # apart from those of the runs, 1, 2, ...
 # Seconds for one scene: the long reference, and then each renderer's runs. Three scenes in the short form: under 3 minutes.
 LONG = {"resolution": 256, "truth_seconds": 150.0, "truth_spp": 65536, "series_seconds": 120.0, "passes": 7, "stop": 3e-4, "step": 2}
-SHORT = {"resolution": 96, "truth_seconds": 14.0, "truth_spp": 16384, "series_seconds": 18.0, "passes": 3, "stop": 7e-4, "step": 4}
+SHORT = {"resolution": 96, "truth_seconds": 12.0, "truth_spp": 16384, "series_seconds": 12.0, "passes": 3, "stop": 7e-4, "step": 4}
 
 RENDERERS = {"preview": lambda scene, n: ("selvedge-lookdev", scene, "--headless", "--spp", n),
+             "denoised": lambda scene, n: ("selvedge-lookdev", scene, "--headless", "--denoise", "--spp", n),   # preview, filter included
              "reference": lambda scene, n: ("selvedge-render", scene, "--spp", n)}
 
 
@@ -93,24 +94,25 @@ def run(series, scene, count, seed, truth_path, folder, options):
         options.gl = ", ".join(str(report["gl"][key]) for key in ("renderer", "version", "backend") if key in report["gl"])
     series.left_s -= time.monotonic() - start
     series.wall_s[count] = wall
-    series.details.append({"count": count, "seed": seed, "seconds": report["seconds"]["render"], "wall_seconds": wall, "relmse": relmse,
+    seconds = report["seconds"]["render"] + report["seconds"]["denoise"]
+    series.details.append({"count": count, "seed": seed, "seconds": seconds, "wall_seconds": wall, "relmse": relmse,
                            **{name: compare[name] for name in ("mean_relative_bias", "mean_relative_bias_sigma", "z_outliers", "z_std")}})
-    series.runs.setdefault(count, []).append((report["seconds"]["render"], relmse))
+    series.runs.setdefault(count, []).append((seconds, relmse))
 
 
 def measure(scene, folder, options):
-    """The two series of a scene, in passes that take turns."""
+    """The series of a scene, in passes that take turns."""
     truth_path = truth(scene, folder, options)
     noise = error(truth_path, truth_path)[1]["relmse_reference_noise"]
-    both = [Series(renderer, options.series_seconds) for renderer in RENDERERS]
-    for series in both:   # warms the bake's and the shaders' caches, and is thrown away
+    every = [Series(renderer, options.series_seconds) for renderer in RENDERERS]
+    for series in every:   # warms the bake's and the shaders' caches, and is thrown away
         run(series, scene, 1, 1, truth_path, folder, options)
         series.runs.clear()
         series.details.clear()
         series.left_s = options.series_seconds
     count = 1
-    while not all(series.finished for series in both):   # first pass: on until the error is low or the next run too long
-        for series in both:
+    while not all(series.finished for series in every):   # first pass: on until the error is low or the next run too long
+        for series in every:
             if series.finished:
                 continue
             run(series, scene, count, 1, truth_path, folder, options)
@@ -118,11 +120,11 @@ def measure(scene, folder, options):
             series.finished = enough or series.cost_of_next(count, options.step) > series.left_s
         count *= options.step
     for repetition in range(2, options.passes + 1):
-        for count in sorted(set().union(*(series.runs for series in both))):
-            for series in both:
+        for count in sorted(set().union(*(series.runs for series in every))):
+            for series in every:
                 if count in series.runs and series.wall_s[count] < series.left_s:
                     run(series, scene, count, repetition, truth_path, folder, options)
-    return both, noise
+    return every, noise
 
 
 def speedup_target(scene):
@@ -131,9 +133,9 @@ def speedup_target(scene):
     return 5.0 if all(light["type"] in DELTA_LIGHTS for light in lights) else 1.0
 
 
-def figures_of(name, both, noise, target):
+def figures_of(name, every, noise, target):
     figures, seconds = {}, {}
-    for series in both:
+    for series in every:
         runs = min(len(runs) for runs in series.runs.values())
         for label, relmse in TARGETS.items():
             value, note = seconds_to(series.points(), relmse)
@@ -141,13 +143,17 @@ def figures_of(name, both, noise, target):
                 note += f"{'; ' if note else ''}noisy long reference: its own relMSE is {noise:.1g}"
             seconds[series.renderer, label] = value
             figures[f"{name}.{series.renderer}.seconds_to_relmse_{label}"] = bench_report.figure(value, "s", "lower", runs=runs, note=note)
+    # The picture as it is against the reference's, like with like; and what is shown against it.
     for label in TARGETS:
-        preview, reference = seconds["preview", label], seconds["reference", label]
-        runs = min(figures[f"{name}.{renderer}.seconds_to_relmse_{label}"]["runs"] for renderer in RENDERERS)
-        ratio = reference / preview if preview and reference else None
-        notes = {renderer: figures[f"{name}.{renderer}.seconds_to_relmse_{label}"]["note"].partition(":")[0] for renderer in RENDERERS}
-        figures[f"{name}.speedup_at_relmse_{label}"] = bench_report.figure(
-            ratio, "x", "higher", target=target, runs=runs, note="; ".join(f"{renderer} {word}" for renderer, word in notes.items() if word))
+        for shown, figure in (("preview", "speedup"), ("denoised", "denoised_speedup")):
+            ratio = None
+            pair = {renderer: figures[f"{name}.{renderer}.seconds_to_relmse_{label}"] for renderer in (shown, "reference")}
+            if seconds[shown, label] and seconds["reference", label]:
+                ratio = seconds["reference", label] / seconds[shown, label]
+            notes = {renderer: value["note"].partition(":")[0] for renderer, value in pair.items()}
+            figures[f"{name}.{figure}_at_relmse_{label}"] = bench_report.figure(
+                ratio, "x", "higher", target=target, runs=min(value["runs"] for value in pair.values()),
+                note="; ".join(f"{renderer} {word}" for renderer, word in notes.items() if word))
     return figures
 
 
@@ -176,10 +182,10 @@ def main():
         for scene in options.scene:
             name = pathlib.Path(scene).stem
             print(f"error-time: {name}", file=sys.stderr)
-            both, noise = measure(scene, pathlib.Path(folder), options)
-            figures |= figures_of(name, both, noise, speedup_target(scene))
-            groups[name] = [f"{name}.{series.renderer}" for series in both]
-            for series in both:
+            every, noise = measure(scene, pathlib.Path(folder), options)
+            figures |= figures_of(name, every, noise, speedup_target(scene))
+            groups[name] = [f"{name}.{series.renderer}" for series in every]
+            for series in every:
                 curves[f"{name}.{series.renderer}"] = series.curve()
                 details[f"{name}.{series.renderer}"] = series.details
     bench_report.write("error-time", figures, curves, out=options.out, load=load, gl=options.gl, groups=groups, axes=("seconds", "relMSE"),
