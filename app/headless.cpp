@@ -85,14 +85,16 @@ double quantile(std::vector<double> values, double q)
 }
 
 // What --spp asks for. The samples of a frame share the place in their pixel and cost less than those of other frames;
-// where light has little noise, that of edges counts. So there are about as many frames as samples in one. They share
-// the point of the lens as well, of which what is out of focus needs many.
+// where light has little noise, that of edges counts. So there are about as many frames as samples in one. A frame of two
+// or three samples costs more than as many frames of one, which need not follow rays from layer to layer. They share the
+// point of the lens as well, of which what is out of focus needs many.
 void spread_samples(LookdevOptions& options, const CameraSpec& camera)
 {
     const std::uint32_t samples_limit =
         camera.lens_radius > 0 ? 1 : 32; // of 32 a frame's own cost is small beside theirs
     std::uint32_t samples = 1;
     while (samples < samples_limit && 4 * samples * samples <= options.spp) samples *= 2;
+    if (samples < 4) samples = 1;
     options.footprint_samples = static_cast<int>(samples);
     options.frames = (options.spp + samples - 1) / samples;
 }
