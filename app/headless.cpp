@@ -85,9 +85,9 @@ double quantile(std::vector<double> values, double q)
 }
 
 // What --spp asks for. The samples of a frame share the place in their pixel and cost less than those of other frames;
-// where light has little noise, that of edges counts. So there are about as many frames as samples in one. A frame of two
-// or three samples costs more than as many frames of one, which need not follow rays from layer to layer. They share the
-// point of the lens as well, of which what is out of focus needs many.
+// where light has little noise, that of edges counts. So there are about as many frames as samples in one. A frame of
+// two or three samples costs more than as many frames of one, which need not follow rays from layer to layer. They
+// share the point of the lens as well, of which what is out of focus needs many.
 void spread_samples(LookdevOptions& options, const CameraSpec& camera)
 {
     const std::uint32_t samples_limit =
@@ -172,6 +172,8 @@ int run_headless(LookdevOptions options)
     preview_options.footprint_samples = options.footprint_samples;
     preview_options.max_depth = options.paths ? options.max_depth : 1;
     preview_options.kept = options.kept;
+    preview_options.finding = options.finding;
+    preview_options.planned_size = scene.film.resolution;
     preview_options.target_error = options.target_error;
     preview_options.reproject = false; // nothing moves
     preview_options.planned = 1;

@@ -3,6 +3,7 @@
 #include <cmath>
 #include <cstdio>
 #include <cstdlib>
+#include <map>
 #include <set>
 
 #include <CLI/CLI.hpp>
@@ -73,7 +74,7 @@ LookdevOptions parse_options(int argc, char** argv, bool& done)
 {
     using namespace cloth::f32;
     LookdevOptions options;
-    std::string resolution, backend = "auto", integrator = "direct";
+    std::string resolution, backend = "auto", integrator = "direct", finding = "auto";
     std::vector<std::string> kept;
     ModelOptions model;
     bool version = false;
@@ -105,6 +106,9 @@ LookdevOptions parse_options(int argc, char** argv, bool& done)
     app.add_option("--footprint-samples", options.footprint_samples,
                    "samples of every pixel in a frame, of one ray (default 1)")
         ->check(between(1, 64));
+    app.add_option("--primary", finding,
+                   "how pixels find what they see: auto (default: rays where software GL has few pixels for a "
+                   "triangle), raster, rays");
     app.add_option("--keep", kept,
                    "do a part's work whether the scene needs it or not, for comparison: " + list_of(skip_names()) +
                        ", all; repeatable")
@@ -134,6 +138,11 @@ LookdevOptions parse_options(int argc, char** argv, bool& done)
     if (options.scene.empty()) throw UsageError("no scene, expected SCENE.json");
     if (!resolution.empty()) options.resolution = parse_resolution(resolution);
     options.backend = parse_backend(backend);
+    const std::map<std::string, Finding> findings{
+        {"auto", Finding::automatic}, {"raster", Finding::raster}, {"rays", Finding::rays}};
+    if (findings.count(finding) == 0)
+        throw UsageError("--primary: '%s' is unknown, expected auto, raster or rays", finding.c_str());
+    options.finding = findings.at(finding);
     for (const std::string& name : kept) {
         const std::vector<std::string>& known = skip_names();
         if (name == "all")

@@ -12,6 +12,7 @@
 #include <glm/glm.hpp>
 
 #include "app/preview/context.hpp"
+#include "app/preview/preview.hpp"
 #include "bake/json.hpp"
 #include "glsl/cloth_bsdf.hpp"
 
@@ -25,7 +26,8 @@ struct LookdevOptions {
     int footprint_samples = 1;
     bool paths = false;                           // --integrator path
     int max_depth = cloth::f32::cloth_path_depth; // of paths, surfaces that scatter
-    std::set<std::string> kept;                   // parts that are done whether the scene needs them or not
+    Finding finding = Finding::automatic;
+    std::set<std::string> kept; // parts that are done whether the scene needs them or not
     std::uint32_t seed = 0;
     bool json = false, quiet = false;
 

@@ -212,6 +212,7 @@ class Window
         wanted.footprint_samples = view.footprint_samples;
         wanted.max_depth = view.paths ? view.max_depth : 1;
         wanted.kept = options.kept;
+        wanted.finding = options.finding;
         wanted.target_error = options.target_error > 0 ? options.target_error : display_error;
         // Where less than a display can show is asked for, soon; else the longest blocks, whose samples lie best.
         wanted.planned = options.target_error > 0 ? adaptive_planned(0) : 0;

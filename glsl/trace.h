@@ -1,8 +1,8 @@
 // Rays against the scene's BVH in buffer textures. GLSL only; roots include it after scene_buffers.h.
 //   SHADOWS  something may be in the way of light   GAPS  what is in the way may let light through   BOUNCES  paths go on
-//   LAYERS  camera rays go on behind what they pass
+//   LAYERS  camera rays go on behind what they pass   CAMERA_RAYS  the visibility pass has no rasteriser
 
-#if defined(SHADOWS) || defined(BOUNCES) || defined(LAYERS)
+#if defined(SHADOWS) || defined(BOUNCES) || defined(LAYERS) || defined(CAMERA_RAYS)
 uniform usamplerBuffer bvh_nodes;       // RGBA32UI, two texels a node: low xyz, skip | high xyz, leaf: first * 8 + count, 0 inner
 uniform usamplerBuffer bvh_triangles;   // RGBA32UI, three texels a triangle, in leaf order: p0, object | e1, triangle | e2, gaps
 
@@ -64,7 +64,7 @@ bool is_between(vec3 t, float near, float far)
 }
 #endif
 
-#if defined(BOUNCES) || defined(LAYERS)
+#if defined(BOUNCES) || defined(LAYERS) || defined(CAMERA_RAYS)
 struct Hit {
     int object;      // -1: none
     int triangle;

@@ -34,6 +34,8 @@ GlInfo load_gl(GlLoader loader)
     GlInfo info;
     info.vendor = text_of(GL_VENDOR);
     info.renderer = text_of(GL_RENDERER);
+    for (const char* name : {"llvmpipe", "softpipe", "swrast", "SWR", "SwiftShader"})
+        info.software |= info.renderer.find(name) != std::string::npos;
     info.version = text_of(GL_VERSION);
     gl.GetIntegerv(GL_MAJOR_VERSION, &info.major);
     gl.GetIntegerv(GL_MINOR_VERSION, &info.minor);

@@ -29,6 +29,7 @@ struct GlInfo {
     int major = 0, minor = 0;
     int texture_limit = 0;        // texels along a side of a picture that can be drawn to
     int buffer_texture_limit = 0; // texels in a buffer texture
+    bool software = false;        // the processor draws
     bool clip_control = false;    // depth range [0, 1]: full float precision of reversed depth
 };
 

@@ -43,6 +43,7 @@ struct Needs {
     cloth::f32::ClothSettings model{};
     ShadowNeed shadows = ShadowNeed::all;
     bool bounces = false;                // paths go on to a second surface
+    bool camera_rays = false;            // not the rasteriser but rays find what pixels see: Preview decides
     std::map<std::string, bool> skipped; // name -> left out
 
     // max_depth  surfaces along a path, 1: direct light alone
@@ -51,7 +52,7 @@ struct Needs {
                     int max_depth, const std::set<std::string>& kept);
     // Samples that share a ray pass cloth or not, each by itself: the visibility pass cannot know.
     bool layers() const { return gaps && several_points; }
-    bool traces_rays() const { return shadows != ShadowNeed::none || bounces || layers(); }
+    bool traces_rays() const { return shadows != ShadowNeed::none || bounces || layers() || camera_rays; }
     // The definitions of the shaders: the model's, and all.
     std::vector<std::string> model_defines() const;
     std::vector<std::string> defines() const;

@@ -18,6 +18,7 @@ Passes::Passes(const GlInfo& info)
 void Passes::choose(const Needs& needs, bool tiles)
 {
     tiled = tiles;
+    camera_rays = needs.camera_rays;
     defines = needs.defines();
     model_defines = needs.model_defines();
     tile_corners = tiles ? tile_corners : 0;
@@ -80,6 +81,11 @@ std::vector<std::string> Passes::gauze_defines() const
 
 bool Passes::prepare(const SceneBuffers& buffers)
 {
+    if (camera_rays) {
+        ray_visibility.use(buffers.gauze.empty() ? model_defines : gauze_defines());
+        shading.use(defines);
+        return ray_visibility.compiled() && shading.compiled();
+    }
     if (!buffers.opaque.empty()) opaque_visibility.use({});
     if (!buffers.gauze.empty()) gauze_visibility.use(gauze_defines());
     shading.use(defines);
@@ -97,6 +103,12 @@ void Passes::visibility(Targets& targets, const SceneBuffers& buffers)
 {
     gl.Disable(GL_SCISSOR_TEST);
     gl.Disable(GL_CULL_FACE);
+    if (camera_rays) {
+        targets.begin_camera_rays();
+        gl.UseProgram(*ray_visibility.current());
+        draw_tiles();
+        return;
+    }
     // Only while our own geometry is drawn: the window's other users expect the usual range.
     if (clip_control) gl.ClipControl(GL_LOWER_LEFT, GL_ZERO_TO_ONE);
     if (tile_corners == 0) {
@@ -236,8 +248,8 @@ void Passes::draw_tiles()
 
 std::vector<ProgramVariants*> Passes::all()
 {
-    return {&opaque_visibility, &gauze_visibility, &shading, &merging,    &presenting,
-            &remembering,       &carrying,         &judging, &uncovering, &keeping};
+    return {&opaque_visibility, &gauze_visibility, &ray_visibility, &shading,    &merging, &presenting,
+            &remembering,       &carrying,         &judging,        &uncovering, &keeping};
 }
 
 bool Passes::rebuild_if_changed()

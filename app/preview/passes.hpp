@@ -87,12 +87,14 @@ class Passes
     std::vector<std::string> model_defines; // the model's alone
     ProgramVariants opaque_visibility{"visibility.vert", "visibility.frag"};
     ProgramVariants gauze_visibility{"visibility.vert", "visibility.frag"};
+    ProgramVariants ray_visibility{"screen.vert", "visibility_rays.frag"};
     ProgramVariants shading{"screen.vert", "shade.frag"}, merging{"screen.vert", "merge.frag"};
     ProgramVariants presenting{"screen.vert", "present.frag"};
     ProgramVariants remembering{"screen.vert", "remember.frag"}, carrying{"screen.vert", "carry.frag"};
     ProgramVariants uncovering{"screen.vert", "uncover.frag"}, judging{"screen.vert", "judge.frag"};
     ProgramVariants keeping{"screen.vert", "keep.frag"};
     GlName frame_block, screen_array;
+    bool camera_rays = false; // in place of the rasteriser
     bool tiled = false;       // tiles end by themselves:
     GlName corners;           //   vertices of the whole screen, then of the tiles that are drawn
     GLsizei tile_corners = 0; //   how many the tiles have; 0: all tiles are drawn

@@ -18,6 +18,10 @@
 namespace selvedge
 {
 
+// How the triangles that pixels see are found. Automatic: by rays where software GL has fewer than four pixels for a
+// triangle, if there is a BVH anyway.
+enum class Finding { automatic, raster, rays };
+
 struct PreviewOptions {
     std::uint32_t seed = 0;
     int footprint_samples = 1;  // samples of each pixel in a frame, of one ray, [1, 64]
@@ -25,7 +29,9 @@ struct PreviewOptions {
     bool reproject = true;      // while the view moves, what earlier views showed is shown at its new place
     std::set<std::string> kept; // parts of skip_names() that are done whether the scene needs them or not
     std::uint32_t planned = 0;  // frames that will be drawn, 0 when nobody knows: decides the length of a block
-    double target_error = 0;    // above 0: tiles end by themselves, and are drawn no more (reference/adaptive.hpp)
+    glm::ivec2 planned_size{0}; // resolution that matters for what is automatic, 0: the present one
+    Finding finding = Finding::automatic;
+    double target_error = 0; // above 0: tiles end by themselves, and are drawn no more (reference/adaptive.hpp)
 };
 
 // The accumulated picture on the CPU: row 0 is the top row.
@@ -95,6 +101,7 @@ class Preview
   private:
     // What the scene needs now; uploads and compiles nothing but what rays walk, where that has changed.
     void find_needs();
+    bool finds_by_rays() const;
     void remember();
     void begin_again(); // with the next frame accumulates from nothing; until then the last picture is shown
     ShownWeights shown_weights() const;

@@ -128,6 +128,11 @@ void Targets::begin_visibility()
     gl.DepthFunc(GL_GREATER);
 }
 
+void Targets::begin_camera_rays()
+{
+    begin_writing(*visibility_buffer, extent);
+}
+
 void Targets::begin_uncover()
 {
     begin_depth(1);
