@@ -50,14 +50,16 @@ TEN = {
 }
 
 
-def pictures(folder, name, scene, samples, size, integrator="direct", *options):
-    """The two pictures of a scene, {channel: pixels}, each with seed and random numbers of its own. options: of both programs."""
+def pictures(folder, name, scene, samples, size, integrator="direct", *options, primary="auto"):
+    """The two pictures of a scene, {channel: pixels}, each with seed and random numbers of its own. options: of both programs; primary:
+    of the preview."""
     path = folder / f"{name}.json"
     path.write_text(json.dumps(scene))
     common = ["--integrator", integrator, *options, "--resolution", f"{size},{size}", "-q", "-o"]
     preview, reference = folder / f"{name}-preview.exr", folder / f"{name}-reference.exr"
     points = 1 if all(each.get("shape") == "plane" for each in scene["objects"]) else 4
-    for command in ([evaluate.BIN / "selvedge-lookdev", path, "--headless", "--frames", samples // points, "--footprint-samples", points, *common, preview],
+    for command in ([evaluate.BIN / "selvedge-lookdev", path, "--headless", "--frames", samples // points, "--footprint-samples", points, "--primary", primary, *common,
+                     preview],
                     [evaluate.BIN / "selvedge-render", path, "--spp", samples, "--seed", 7, *common, reference]):
         done = subprocess.run([*map(str, command)], capture_output=True, text=True, timeout=600)
         assert done.returncode == 0, done.stderr
@@ -81,10 +83,10 @@ def judge(a, b):
     return np.concatenate(z), np.array(bias), np.array(error)
 
 
-@pytest.fixture(scope="module")
-def ten(tmp_path_factory):
+@pytest.fixture(scope="module", params=["raster", "rays"])
+def ten(request, tmp_path_factory):
     folder = tmp_path_factory.mktemp("ten")
-    return {name: judge(*pictures(folder, name, {"camera": camera, "film": {}, "lights": lights, "objects": objects}, 2048, 24))
+    return {name: judge(*pictures(folder, name, {"camera": camera, "film": {}, "lights": lights, "objects": objects}, 2048, 24, primary=request.param))
             for name, (camera, lights, objects) in TEN.items()}
 
 

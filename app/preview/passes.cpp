@@ -72,6 +72,13 @@ std::vector<std::string> Passes::view_defines() const
     return list;
 }
 
+std::vector<std::string> Passes::ray_defines(bool gauze) const
+{
+    std::vector<std::string> list = view_defines();
+    if (gauze) list.emplace_back("GAPS");
+    return list;
+}
+
 std::vector<std::string> Passes::gauze_defines() const
 {
     std::vector<std::string> list = model_defines;
@@ -82,7 +89,7 @@ std::vector<std::string> Passes::gauze_defines() const
 bool Passes::prepare(const SceneBuffers& buffers)
 {
     if (camera_rays) {
-        ray_visibility.use(buffers.gauze.empty() ? model_defines : gauze_defines());
+        ray_visibility.use(ray_defines(!buffers.gauze.empty()));
         shading.use(defines);
         return ray_visibility.compiled() && shading.compiled();
     }

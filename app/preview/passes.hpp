@@ -80,6 +80,7 @@ class Passes
     static void set_weights(const ShaderProgram& program, const ShownWeights& weights);
     std::vector<std::string> view_defines() const;
     std::vector<std::string> gauze_defines() const;
+    std::vector<std::string> ray_defines(bool gauze) const;
     std::vector<ProgramVariants*> all();
 
     bool clip_control;
