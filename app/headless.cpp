@@ -15,7 +15,7 @@
 #include "app/preview/context.hpp"
 #include "app/preview/preview.hpp"
 #include "app/preview/program_cache.hpp"
-#include "app/result.hpp"
+#include "app/preview/result.hpp"
 #include "bake/error.hpp"
 #include "bake/program.hpp"
 #include "reference/denoise.hpp"

@@ -15,10 +15,11 @@
 #include "app/options.hpp"
 #include "app/panels/panels.hpp"
 #include "app/preview/preview.hpp"
-#include "app/result.hpp"
+#include "app/preview/result.hpp"
 #include "app/scene_edit.hpp"
 #include "app/viewport.hpp"
 #include "bake/error.hpp"
+#include "reference/denoise.hpp"
 
 namespace selvedge
 {
@@ -213,6 +214,7 @@ class Window
         wanted.max_depth = view.paths ? view.max_depth : 1;
         wanted.kept = options.kept;
         wanted.finding = options.finding;
+        wanted.knows_spread = true;
         wanted.target_error = options.target_error > 0 ? options.target_error : display_error;
         // Where less than a display can show is asked for, soon; else the longest blocks, whose samples lie best.
         wanted.planned = options.target_error > 0 ? adaptive_planned(0) : 0;
@@ -316,7 +318,9 @@ class Window
         try {
             ImageMetadata metadata = options.provenance;
             metadata["selvedge:samples"] = std::to_string(preview->frames());
-            write_result(options.screenshot, result_of(preview->read()), exposure, metadata);
+            RenderResult result = result_of(preview->read());
+            if (view.denoise && denoise(result)) metadata["selvedge:denoised"] = "non-local means";
+            write_result(options.screenshot, result, exposure, metadata);
             status.message = "saved " + options.screenshot;
         } catch (const std::exception& error) {
             status.message = error.what();
@@ -342,7 +346,7 @@ class Window
     {
         const glm::ivec2 size = window_size();
         gl.BindFramebuffer(GL_FRAMEBUFFER, 0);
-        preview->present({0, 0}, size, exposure);
+        preview->present({0, 0}, size, exposure, view.denoise);
 
         ImGui_ImplOpenGL3_NewFrame();
         ImGui_ImplGlfw_NewFrame();

@@ -4,7 +4,7 @@
 //   LAYERS  samples walk from layer to layer: FOOTPRINT and GAPS
 //   CONVEX  nothing is in the way in front of a triangle   FEW_LIGHTS  LIGHT_COUNT of them, none of which has to be chosen
 //   SKY  the first of several lights is an environment, and all others of one kind, OTHER_LIGHTS, or -1
-//   EMITTERS  objects that shine   BOUNCES  paths of up to frame.random.w surfaces
+//   SQUARES  the spread of frames is asked for   EMITTERS  objects that shine   BOUNCES  paths of up to frame.random.w surfaces
 #include "interop.h"
 #include "cloth.h"
 #include "blocks.h"
@@ -14,6 +14,9 @@
 uniform usampler2D id_map;
 layout(location = 0) out vec4 colour;   // radiance, coverage
 layout(location = 1) out uvec2 seen;    // object + 1 and triangle that stopped the first sample's ray
+#ifdef SQUARES
+layout(location = 2) out vec4 squares;   // of `colour`
+#endif
 
 #ifdef LAYERS
 const bool stops = false;   // the visibility pass does not know what stops a ray
@@ -221,14 +224,14 @@ vec4 sum_of(ClothRay ray, ClothRandom random, uint first, uint count, Met met)
 }
 #endif
 
-void main()
+// Of this frame's samples.
+vec4 mean_colour()
 {
     uvec4 id     = texelFetch(id_map, ivec2(gl_FragCoord.xy), 0);
     ClothRay ray = frame_ray(gl_FragCoord.xy);
     if (id.x == 0u) {
-        seen   = uvec2(0u);
-        colour = background(ray);
-        return;
+        seen = uvec2(0u);
+        return background(ray);
     }
     Met met = meet(int(id.x) - 1, int(id.y), ray);
     ClothRandom random = ClothRandom(pixel_seed(gl_FragCoord.xy), frame.random.y, 0u);
@@ -236,12 +239,20 @@ void main()
     seen     = uvec2(0u);
     vec4 sum = vec4(0.0);
     for (uint first = 0u; first < frame.random.z; first += 32u) sum += sum_of(ray, random, first, min(frame.random.z - first, 32u), met);
-    colour = sum / float(frame.random.z);
+    return sum / float(frame.random.z);
 #else
     bool passes;
     random = layer_random(random, met.index, met.triangle);
     ClothShading shading = shade(met, random, id.zw, passes);
-    seen   = id.xy;
-    colour = vec4(radiance(met, shading, random), 1.0);
+    seen = id.xy;
+    return vec4(radiance(met, shading, random), 1.0);
+#endif
+}
+
+void main()
+{
+    colour = mean_colour();
+#ifdef SQUARES
+    squares = colour * colour;
 #endif
 }

@@ -1,4 +1,4 @@
-"""--denoise of both programs: against a filter typed in numpy from its definition, what it gains, that it converges to the picture
+"""The filter of --denoise and of the window: against a filter typed in numpy from its definition, what it gains, that it converges to the picture
 itself, and what it does where it cannot work.
 
 Seen red with the counts of pixels without samples left out, and with a window of half the reach."""
@@ -10,6 +10,9 @@ import subprocess
 import numpy as np
 import OpenEXR
 import pytest
+
+import cloth_oracle as oracle
+from preview_driver import drive, read
 
 ROOT = pathlib.Path(__file__).parents[1]
 BIN = pathlib.Path(os.environ.get("SELVEDGE_BIN", ROOT / "build" / "bin"))
@@ -137,3 +140,45 @@ def test_a_sequence_does_not_take_pictures_without_it_for_done(tmp_path):
 def test_the_window_has_a_box_for_it(tmp_path):
     done = subprocess.run([BIN / "selvedge-lookdev", LAYERS, "--denoise"], capture_output=True, text=True, timeout=60)
     assert done.returncode == 2 and "--headless" in done.stderr
+
+
+# ---- in the window ---------------------------------------------------------------------------------------------------------
+
+SIZE = 61, 40
+VIEW = "camera 0 0.5 1.4 0 0.2 0"
+
+
+def displayed(picture):
+    return oracle.srgb(oracle.tone_neutral(np.maximum(picture.reshape(-1, 3), 0))).reshape(picture.shape)
+
+
+@pytest.mark.parametrize("start", [[], ["target 3 1e-9"]], ids=["whole", "tiles"])
+def test_what_is_shown_is_the_filtered_picture_by_the_spread_of_frames(tmp_path, start):
+    drive(tmp_path, LAYERS, SIZE, ["knows-spread 1", *start, VIEW, "frames 20", "denoised clean.exr", "accumulated picture.exr", "shown plain.exr"])
+    picture, channels = read(tmp_path / "picture.exr")
+    want = non_local_means(picture, np.dstack([channels[f"variance.{c}"] for c in "RGB"]), np.ones(picture.shape[:2]))
+    clean, plain = read(tmp_path / "clean.exr")[0], read(tmp_path / "plain.exr")[0]
+    np.testing.assert_allclose(clean, displayed(want), rtol=1e-3, atol=1e-3)
+    np.testing.assert_allclose(plain, displayed(picture), rtol=1e-4, atol=1e-4)
+    assert np.abs(clean - plain).max() > .1
+
+
+def test_the_spread_of_frames_is_their_variance(tmp_path):
+    """Against that of pictures with other seeds, which see another view each for that: the mean over pixels."""
+    views = [f"camera 0 {.5 + 1e-5 * k:.6f} 1.4 0 0.2 0" for k in range(24)]
+    drive(tmp_path, LAYERS, SIZE, ["knows-spread 1", "reproject 0", "plan 16", *(word for k, view in enumerate(views) for word in
+                                   (view, "frames 16", f"accumulated {k}.exr"))])
+    pictures = [read(tmp_path / f"{k}.exr") for k in range(len(views))]
+    true = np.var([picture for picture, _ in pictures], axis=0, ddof=1).mean()
+    told = np.mean([[channels[f"variance.{c}"] for c in "RGB"] for _, channels in pictures])
+    assert .9 * true < told < 1.4 * true   # blocks of one frame: a little of the stratification is left between them
+
+
+def test_little_known_or_finished_pictures_are_shown_as_they_are_and_no_filtered_one_outlives_its_view(tmp_path):
+    drive(tmp_path, LAYERS, SIZE, ["knows-spread 1", "frames 3", "denoised few.exr", "shown few-plain.exr", "frames 17", "denoised many.exr",
+                                   VIEW, "frames 1", "denoised moved.exr", "shown moved-plain.exr",
+                                   "resize 30 20", "frames 1", "denoised small.exr", "shown small-plain.exr",
+                                   "target 1 1e3", "plan 32", "frames 400", "denoised done.exr", "shown done-plain.exr"])
+    for name in ("few", "moved", "small", "done"):
+        assert (read(tmp_path / f"{name}.exr")[0] == read(tmp_path / f"{name}-plain.exr")[0]).all(), name
+    assert not (read(tmp_path / "many.exr")[0] == read(tmp_path / "few.exr")[0]).all()

@@ -38,6 +38,7 @@ struct ViewPanel {
     int max_depth = cloth::f32::cloth_path_depth; // surfaces along a path
     int divisor = 1;                              // window pixels along a side of one picture pixel
     bool coarse_while_moving = true;
+    bool denoise = true;     // what is shown and saved
     int sample_limit = 4096; // then the window rests
     bool paused = false;
 };

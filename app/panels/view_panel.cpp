@@ -34,6 +34,7 @@ void draw_view_panel(ViewPanel& panel, const ViewStatus& status, float& exposure
     int divisor = panel.divisor == 1 ? 0 : panel.divisor == 2 ? 1 : 2;
     if (ImGui::Combo("resolution", &divisor, "full\0half\0quarter\0")) panel.divisor = 1 << divisor;
     ImGui::Checkbox("coarser while moving", &panel.coarse_while_moving);
+    edits.view |= ImGui::Checkbox("denoise", &panel.denoise);
     ImGui::SliderInt("rest after", &panel.sample_limit, 16, 65536, "%d samples",
                      ImGuiSliderFlags_Logarithmic | ImGuiSliderFlags_AlwaysClamp);
     ImGui::Checkbox("paused", &panel.paused);

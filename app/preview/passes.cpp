@@ -15,12 +15,13 @@ Passes::Passes(const GlInfo& info)
     gl.BufferData(GL_UNIFORM_BUFFER, sizeof(block::Frame), nullptr, GL_DYNAMIC_DRAW);
 }
 
-void Passes::choose(const Needs& needs, bool tiles)
+void Passes::choose(const Needs& needs, bool tiles, bool squares)
 {
     tiled = tiles;
     camera_rays = needs.camera_rays;
     defines = needs.defines();
     model_defines = needs.model_defines();
+    if (squares) defines.emplace_back("SQUARES");
     tile_corners = tiles ? tile_corners : 0;
     if (!tiles) return;
     defines.emplace_back("TILES");
@@ -221,9 +222,11 @@ void Passes::carry(Targets& targets, const SceneBuffers& buffers)
 }
 
 void Passes::present(const Targets& targets, glm::ivec2 corner, glm::ivec2 size, const ShownWeights& weights,
-                     float exposure)
+                     float exposure, bool denoised)
 {
-    presenting.use(screen_defines());
+    std::vector<std::string> wanted = screen_defines();
+    if (denoised) wanted.emplace_back("DENOISED");
+    presenting.use(wanted);
     const ShaderProgram& program = presenting.current();
     targets.bind_textures();
     gl.Disable(GL_DEPTH_TEST);

@@ -41,7 +41,8 @@ class Passes
 
     // From now on the programs have what the scene needs; they are compiled when they are first drawn with.
     //   tiles  they end by themselves: reference/adaptive.hpp
-    void choose(const Needs& needs, bool tiles);
+    //   squares  the spread of frames is asked for
+    void choose(const Needs& needs, bool tiles, bool squares);
     // Compiles what a frame is drawn with, where that has not been done.
     //   return  false: something that was chosen does not compile, though what was chosen before did; complaint() says
     //   why,
@@ -65,8 +66,9 @@ class Passes
     void remember(Targets& targets, const SceneBuffers& buffers, const ShownWeights& weights);
     // Finds what was put aside in the first frame of a view; after it is shaded.
     void carry(Targets& targets, const SceneBuffers& buffers);
+    //   denoised  what Targets::show() has taken, in place of the accumulated picture
     void present(const Targets& targets, glm::ivec2 corner, glm::ivec2 size, const ShownWeights& weights,
-                 float exposure);
+                 float exposure, bool denoised);
 
     bool rebuild_if_changed(); // true: at least one program is another one now
     // Why the programs that were chosen are not in use; empty where all is well.

@@ -2,6 +2,7 @@
 // functions (gl.hpp) and nothing of a window.
 #pragma once
 
+#include <chrono>
 #include <cstdint>
 #include <map>
 #include <set>
@@ -31,7 +32,8 @@ struct PreviewOptions {
     std::uint32_t planned = 0;  // frames that will be drawn, 0 when nobody knows: decides the length of a block
     glm::ivec2 planned_size{0}; // resolution that matters for what is automatic, 0: the present one
     Finding finding = Finding::automatic;
-    double target_error = 0; // above 0: tiles end by themselves, and are drawn no more (reference/adaptive.hpp)
+    bool knows_spread = false; // of frames: noise is known after a few, and present() can take it out
+    double target_error = 0;   // above 0: tiles end by themselves, and are drawn no more (reference/adaptive.hpp)
 };
 
 // The accumulated picture on the CPU: row 0 is the top row.
@@ -42,6 +44,9 @@ struct PreviewImage {
     std::vector<std::uint32_t> samples; // of each pixel
     std::vector<glm::vec4> mean;        // radiance and coverage, mean of all samples (of tiles: reference/adaptive.hpp)
     std::vector<glm::vec4> variance;    // of the pixel's mean, from the spread of the blocks; 0 below two blocks
+    // Likewise, from the spread of frames: more than it is, since frames of a block are stratified. 0 below two frames;
+    // empty where PreviewOptions::knows_spread is not set.
+    std::vector<glm::vec4> frame_variance;
 };
 
 // Everything that changes the picture restarts the accumulation; nothing else does. What is shown while a new view has
@@ -85,7 +90,11 @@ class Preview
 
     // The accumulated picture through the display transform into a rectangle of the bound framebuffer (GL window
     // coordinates: from the lower left), stretched without filtering.
-    void present(glm::ivec2 corner, glm::ivec2 size, float exposure);
+    //   denoised  without its noise (reference/denoise.hpp), as it was found by a share of the samples that is never
+    //   far
+    //             from all of them; needs knows_spread. Where too little is known, and where the picture is finished,
+    //             it is shown as it is.
+    void present(glm::ivec2 corner, glm::ivec2 size, float exposure, bool denoised = false);
     PreviewImage read() const;
 
     // Recompiles shaders that were saved; a broken one leaves the last good program in place.
@@ -114,6 +123,8 @@ class Preview
         return tile.done() ? tile.samples : frames();
     } // frames of it
     PreviewImage read_tiled(PreviewImage image) const;
+    void add_frame_variance(PreviewImage& image) const;
+    void refresh_denoised();
 
     const Scene& scene;
     GlInfo info;
@@ -130,6 +141,9 @@ class Preview
     std::uint32_t view_count = 0;               // that were looked at: each has random numbers of its own
     bool stale = true;                          // what is accumulated belongs to something that has changed
     std::uint32_t frame_count = 0, block_count = 0, length = 1;
+    std::uint32_t denoised_frames = 0; // that the filtered picture on show was made from; 0: there is none
+    double denoise_seconds = 0;        // that making it took
+    std::chrono::steady_clock::time_point denoised_at{};
     std::vector<TileState> tiles; // row by row; empty where there is no target error
     double pilot[2] = {0, 0};     // of judge_tiles()
 };

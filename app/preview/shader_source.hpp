@@ -139,6 +139,7 @@ inline constexpr Binding texture_units[] = {
     {"kept_map", 18},
     {"kept_noise_map", 19},
     {"seen_map", 20},
+    {"denoised_map", 21},
 };
 GLint texture_unit(const char* name);
 

@@ -41,11 +41,11 @@ static GlName make_framebuffer(std::initializer_list<GLuint> colours, GLuint dep
     return framebuffer;
 }
 
-void Targets::resize(glm::ivec2 size, bool with_tiles, const GlInfo& info)
+void Targets::resize(glm::ivec2 size, bool with_tiles, bool with_squares, const GlInfo& info)
 {
     size = glm::max(size, glm::ivec2(1));
     const std::size_t wanted_blocks = with_tiles ? 3 : 2;
-    if (size == extent && blocks.size() == wanted_blocks) return clear_accumulation();
+    if (size == extent && blocks.size() == wanted_blocks && bool(squares) == with_squares) return clear_accumulation();
     if (std::max(size.x, size.y) > info.texture_limit)
         throw std::runtime_error(format_text("resolution %d,%d: %s draws at most %d pixels along a side", size.x,
                                              size.y, info.renderer.c_str(), info.texture_limit));
@@ -55,7 +55,9 @@ void Targets::resize(glm::ivec2 size, bool with_tiles, const GlInfo& info)
     depth = make_texture(GL_DEPTH_COMPONENT32F, GL_DEPTH_COMPONENT, GL_FLOAT, size);
     sum = make_texture(GL_RGBA32F, GL_RGBA, GL_FLOAT, size);
     visibility_buffer = make_framebuffer({*ids}, *depth);
-    sum_buffer = make_framebuffer({*sum, *seen}, 0);
+    squares = GlName();
+    if (with_squares) squares = make_texture(GL_RGBA32F, GL_RGBA, GL_FLOAT, size);
+    sum_buffer = with_squares ? make_framebuffer({*sum, *seen, *squares}, 0) : make_framebuffer({*sum, *seen}, 0);
     blocks.clear();
     for (std::size_t k = 0; k < wanted_blocks; ++k) {
         Blocks& made = blocks.emplace_back();
@@ -103,6 +105,7 @@ void Targets::clear_accumulation()
 {
     clear_sum();
     const float zeros[4] = {};
+    if (squares) gl.ClearBufferfv(GL_COLOR, 2, zeros);
     for (std::size_t k = 0; k < blocks.size(); ++k) {
         if (k == spare) continue;
         gl.BindFramebuffer(GL_FRAMEBUFFER, *blocks[k].buffer);
@@ -230,10 +233,10 @@ void Targets::bind_textures(int half) const
     bind_texture("kept_noise_map", *kept_noise);
 }
 
-static void read_framebuffer(GLuint framebuffer, bool second, glm::ivec2 size, float* pixels)
+static void read_framebuffer(GLuint framebuffer, GLenum attachment, glm::ivec2 size, float* pixels)
 {
     gl.BindFramebuffer(GL_FRAMEBUFFER, framebuffer);
-    gl.ReadBuffer(second ? GL_COLOR_ATTACHMENT1 : GL_COLOR_ATTACHMENT0);
+    gl.ReadBuffer(GL_COLOR_ATTACHMENT0 + attachment);
     gl.PixelStorei(GL_PACK_ALIGNMENT, 4);
     gl.ReadPixels(0, 0, size.x, size.y, GL_RGBA, GL_FLOAT, pixels);
     check_gl("reading the picture");
@@ -242,15 +245,25 @@ static void read_framebuffer(GLuint framebuffer, bool second, glm::ivec2 size, f
 void Targets::read(Picture which, int half, float* pixels) const
 {
     const bool of_kept = which == Picture::kept || which == Picture::kept_noise;
-    const GLuint framebuffer = which == Picture::sum ? *sum_buffer
-                               : of_kept             ? *kept_buffer
-                                                     : *blocks[current[half]].buffer;
-    read_framebuffer(framebuffer, which == Picture::spread || which == Picture::kept_noise, extent, pixels);
+    const bool of_sum = which == Picture::sum || which == Picture::squares;
+    const GLuint framebuffer = of_sum ? *sum_buffer : of_kept ? *kept_buffer : *blocks[current[half]].buffer;
+    const bool second = which == Picture::spread || which == Picture::kept_noise;
+    read_framebuffer(framebuffer, which == Picture::squares ? 2 : second ? 1 : 0, extent, pixels);
 }
 
 void Targets::read_tiles(float* tile_pixels) const
 {
-    read_framebuffer(*tile_buffer, false, tiles(), tile_pixels);
+    read_framebuffer(*tile_buffer, 0, tiles(), tile_pixels);
+}
+
+void Targets::show(const float* pixels)
+{
+    if (!denoised) denoised = make_texture(GL_RGB32F, GL_RGB, GL_FLOAT, extent);
+    gl.BindTexture(GL_TEXTURE_2D, *denoised);
+    gl.PixelStorei(GL_UNPACK_ALIGNMENT, 4);
+    gl.TexImage2D(GL_TEXTURE_2D, 0, GL_RGB32F, extent.x, extent.y, 0, GL_RGB, GL_FLOAT, pixels);
+    bind_texture("denoised_map", *denoised);
+    check_gl("the filtered picture");
 }
 
 } // namespace selvedge

@@ -18,12 +18,13 @@ namespace selvedge
 class Targets
 {
   public:
-    enum class Picture { sum, mean, spread, kept, kept_noise };
+    enum class Picture { sum, mean, spread, kept, kept_noise, squares };
 
     // (Re)makes everything, cleared. Either side 0 is taken as 1.
-    //   throws  std::runtime_error: larger than the driver allows, out of memory
-    void resize(glm::ivec2 size, bool tiles, const GlInfo& info);
-    void clear_accumulation(); // sum, mean, spread, rest, kept to 0
+    //   squares  frames are squared and added up, too
+    //   throws   std::runtime_error: larger than the driver allows, out of memory
+    void resize(glm::ivec2 size, bool tiles, bool squares, const GlInfo& info);
+    void clear_accumulation(); // sum, squares, mean, spread, rest, kept to 0
     void clear_sum();
 
     // Pictures that are made when the view first changes: what an earlier view showed and where, of the size of that
@@ -49,6 +50,8 @@ class Targets
     // RGBA float, row 0 first. half: of mean and spread.
     void read(Picture which, int half, float* pixels) const;
     void read_tiles(float* tile_pixels) const; // what begin_judge() bound
+    // Takes a filtered copy of the picture, three floats a pixel, and binds it for the shaders.
+    void show(const float* pixels);
 
   private:
     void begin_depth(float depth_everywhere);
@@ -62,6 +65,7 @@ class Targets
     GlName ids, depth, sum, seen;               // seen: as ids, of what stopped the rays
     std::vector<Blocks> blocks;                 // of each half, in any order, and one to draw the next ones to
     std::size_t current[2] = {0, 0}, spare = 1; // index of each half's, and of the one to draw to
+    GlName squares, denoised;                   // nothing where nobody asks for them
     GlName kept, kept_noise, tile_spread;       // nothing where tiles do not end by themselves
     GlName past_picture, past_place, carried;
     glm::ivec2 past_extent{0}, carried_extent{0};

@@ -3,13 +3,12 @@
 //   camera PX PY PZ TX TY TZ     look from P to T
 //   frames N                     draw N frames;  plan N  how many there will be of a view
 //   accumulated OUT.exr          the accumulated picture, as --headless writes it
-//   shown OUT.exr                what is on show, through the display transform at exposure 0
-//   light INDEX R G B            radiance of a light;  yarn INDEX R G B  albedo of all yarn types of a fabric
-//   model KEY VALUE              bsdf, weight, visibility, ...: numbers of ClothSettings
-//   resize WIDTH HEIGHT          either may be 0
-//   reproject 0|1;  max-depth N  surfaces along a path
-//   target SEED ERROR            starts anew; tiles end by themselves at that error
-//   now                          waits for the driver and prints seconds since the last `now`
+//   shown OUT.exr                what is on show, through the display transform at exposure 0;  denoised OUT.exr
+//   filtered knows-spread 0|1             of frames, which the filter needs light INDEX R G B            radiance of a
+//   light;  yarn INDEX R G B  albedo of all yarn types of a fabric model KEY VALUE              bsdf, weight,
+//   visibility, ...: numbers of ClothSettings resize WIDTH HEIGHT          either may be 0 reproject 0|1;  max-depth N
+//   surfaces along a path target SEED ERROR            starts anew; tiles end by themselves at that error now waits for
+//   the driver and prints seconds since the last `now`
 #include <chrono>
 #include <cstdio>
 #include <iostream>
@@ -17,7 +16,7 @@
 
 #include "app/preview/context.hpp"
 #include "app/preview/preview.hpp"
-#include "app/result.hpp"
+#include "app/preview/result.hpp"
 #include "bake/error.hpp"
 #include "bake/program.hpp"
 
@@ -28,7 +27,7 @@ using namespace selvedge;
 using Clock = std::chrono::steady_clock;
 
 // What present() draws, read back.
-void write_shown(Preview& preview, const std::string& path)
+void write_shown(Preview& preview, const std::string& path, bool denoised)
 {
     const glm::ivec2 size = preview.resolution();
     GlName texture(GlName::Kind::texture), framebuffer(GlName::Kind::framebuffer);
@@ -36,7 +35,7 @@ void write_shown(Preview& preview, const std::string& path)
     gl.TexImage2D(GL_TEXTURE_2D, 0, GL_RGBA32F, size.x, size.y, 0, GL_RGBA, GL_FLOAT, nullptr);
     gl.BindFramebuffer(GL_FRAMEBUFFER, *framebuffer);
     gl.FramebufferTexture2D(GL_FRAMEBUFFER, GL_COLOR_ATTACHMENT0, GL_TEXTURE_2D, *texture, 0);
-    preview.present({0, 0}, size, 0);
+    preview.present({0, 0}, size, 0, denoised);
     Image image(size.x, size.y, {"R", "G", "B", "A"});
     gl.BindFramebuffer(GL_FRAMEBUFFER, *framebuffer);
     gl.ReadBuffer(GL_COLOR_ATTACHMENT0);
@@ -89,9 +88,9 @@ void drive(Scene& scene, Preview& preview, PreviewOptions& options)
         } else if (verb == "accumulated") {
             words >> text;
             write_result(text, result_of(preview.read()), 0, {});
-        } else if (verb == "shown") {
+        } else if (verb == "shown" || verb == "denoised") {
             words >> text;
-            write_shown(preview, text);
+            write_shown(preview, text, verb == "denoised");
         } else if (verb == "light") {
             words >> index >> colour.x >> colour.y >> colour.z;
             scene.lights.at(index).radiance = colour;
@@ -109,6 +108,9 @@ void drive(Scene& scene, Preview& preview, PreviewOptions& options)
             preview.resize(size);
         } else if (verb == "reproject") {
             words >> options.reproject;
+            preview.set_options(options);
+        } else if (verb == "knows-spread") {
+            words >> options.knows_spread;
             preview.set_options(options);
         } else if (verb == "max-depth") {
             words >> options.max_depth;
