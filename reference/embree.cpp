@@ -1,9 +1,11 @@
 // reference/embree.cpp: devices, errors, triangles, builds.
 #include "reference/embree.hpp"
 
+#include <cstdlib>
 #include <cstring>
 #include <new>
 #include <stdexcept>
+#include <string>
 
 #include <tbb/task_arena.h>
 
@@ -14,7 +16,16 @@ namespace selvedge
 
 RTCDevice new_device()
 {
-    RTCDevice device = rtcNewDevice(nullptr);
+    std::string config;
+    if (const char* wanted = std::getenv("SELVEDGE_ISA"); wanted && *wanted) {
+        // Embree takes any other word for its least.
+        for (const char* isa : {"sse4.2", "avx", "avx2", "avx512"})
+            if (std::strcmp(wanted, isa) == 0) config = std::string("isa=") + isa;
+        if (config.empty())
+            throw std::runtime_error(
+                format_text("SELVEDGE_ISA: found '%s', expected sse4.2, avx, avx2 or avx512", wanted));
+    }
+    RTCDevice device = rtcNewDevice(config.empty() ? nullptr : config.c_str());
     if (!device)
         throw std::runtime_error(format_text("Embree does not start (error %d)", int(rtcGetDeviceError(nullptr))));
     return device;
