@@ -230,7 +230,7 @@ int run_headless(LookdevOptions options)
     if (options.json) {
         rusage usage{};
         getrusage(RUSAGE_SELF, &usage);
-        const nlohmann::json report = {
+        nlohmann::json report = {
             {"scene", options.scene},
             {"scene_hash", scene.hash},
             {"output", options.outputs},
@@ -238,8 +238,7 @@ int run_headless(LookdevOptions options)
              {{"load", scene.seconds_load},
               {"bake", scene.seconds_bake},
               {"build", seconds_build},
-              {"render", seconds_render},
-              {"denoise", seconds_denoise}}},
+              {"render", seconds_render}}},
             {"resolution", {result.width, result.height}},
             {"integrator", integrator},
             {"model", model_json(scene.model)},
@@ -268,6 +267,7 @@ int run_headless(LookdevOptions options)
             {"passes", preview.pass_names()},
             {"warnings", scene.warnings},
         };
+        if (options.denoise) report["seconds"]["denoise"] = seconds_denoise;
         std::printf("%s\n", report.dump(-1, ' ', false, nlohmann::json::error_handler_t::replace).c_str());
     } else if (!options.quiet) {
         std::printf("%s: %d x %d, %u frames in %.2f s, %.3g ms a frame (%s, %s)\n", options.outputs.front().c_str(),

@@ -379,7 +379,7 @@ nlohmann::json render_picture(const RenderOptions& options, const Job& job, tbb:
     struct rusage usage {
     };
     getrusage(RUSAGE_SELF, &usage);
-    return {
+    nlohmann::json report = {
         {"scene", options.scene},
         {"scene_hash", scene.hash},
         {"output", job.outputs},
@@ -387,8 +387,7 @@ nlohmann::json render_picture(const RenderOptions& options, const Job& job, tbb:
          {{"load", scene.seconds_load},
           {"bake", scene.seconds_bake},
           {"build", build_seconds},
-          {"render", outcome.seconds},
-          {"denoise", denoise_seconds}}},
+          {"render", outcome.seconds}}},
         {"resolution", {settings.resolution.x, settings.resolution.y}},
         {"region", {settings.region.x, settings.region.y, settings.region.z, settings.region.w}},
         {"integrator", metadata["selvedge:integrator"]},
@@ -413,6 +412,8 @@ nlohmann::json render_picture(const RenderOptions& options, const Job& job, tbb:
         {"skipped", skipped_json(scene, rays, outcome)},
         {"warnings", scene.warnings},
     };
+    if (options.denoise) report["seconds"]["denoise"] = denoise_seconds;
+    return report;
 }
 
 // Pictures of a sequence one after the other, or the one picture.

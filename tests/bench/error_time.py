@@ -94,7 +94,7 @@ def run(series, scene, count, seed, truth_path, folder, options):
         options.gl = ", ".join(str(report["gl"][key]) for key in ("renderer", "version", "backend") if key in report["gl"])
     series.left_s -= time.monotonic() - start
     series.wall_s[count] = wall
-    seconds = report["seconds"]["render"] + report["seconds"]["denoise"]
+    seconds = report["seconds"]["render"] + report["seconds"].get("denoise", 0.0)
     series.details.append({"count": count, "seed": seed, "seconds": seconds, "wall_seconds": wall, "relmse": relmse,
                            **{name: compare[name] for name in ("mean_relative_bias", "mean_relative_bias_sigma", "z_outliers", "z_std")}})
     series.runs.setdefault(count, []).append((seconds, relmse))
