@@ -13,7 +13,8 @@
 namespace selvedge
 {
 
-// The environment variable SELVEDGE_ISA takes vectors from it: with avx2 it has none of 16 floats, with sse4.2 none of 8.
+// The environment variable SELVEDGE_ISA takes vectors from it: with avx2 it has none of 16 floats, with sse4.2 none
+// of 8.
 //   throws  std::runtime_error where Embree does not start
 RTCDevice new_device();
 
