@@ -4,7 +4,6 @@
 #include <csignal>
 #include <cstdio>
 #include <deque>
-#include <limits>
 #include <stdexcept>
 
 #include <nlohmann/json.hpp>
@@ -205,7 +204,7 @@ int run_headless(LookdevOptions options)
     // Two blocks of a half at least: below, the variances are 0 and say nothing.
     const bool tiled = preview.tile_count() > 0;
     const bool estimated = preview.frames() / preview.block_length() >= (tiled ? 4 : 2);
-    const double error = estimated ? error_estimate(result) : std::numeric_limits<double>::quiet_NaN();
+    const nlohmann::json error = estimated ? nlohmann::json(error_estimate(result)) : nlohmann::json();
     const Clock::time_point denoise_start = Clock::now();
     const bool cleaned = options.denoise && denoise(result);
     const double seconds_denoise = seconds_since(denoise_start);
@@ -222,7 +221,7 @@ int run_headless(LookdevOptions options)
     metadata["selvedge:integrator"] = integrator;
     metadata["selvedge:block_length"] = std::to_string(preview.block_length());
     metadata["selvedge:gl"] = context->info.renderer + ", " + context->info.version;
-    if (cleaned) metadata["selvedge:denoised"] = "non-local means";
+    if (cleaned) metadata["selvedge:denoised"] = denoised_by;
     for (const std::string& path : options.outputs) write_result(path, result, scene.film.exposure, metadata);
 
     const auto pixels = static_cast<std::uint64_t>(result.width) * static_cast<std::uint64_t>(result.height);
@@ -247,7 +246,7 @@ int run_headless(LookdevOptions options)
             {"block_length", preview.block_length()},
             {"samples_per_second", static_cast<double>(preview.samples()) / std::max(seconds_render, 1e-9)},
             {"rays", nullptr}, // nobody counts them in a shader
-            {"error_estimate", estimated ? nlohmann::json(error) : nlohmann::json()},
+            {"error_estimate", error},
             {"denoised", cleaned},
             {"stopped_by", stopped_by},
             {"peak_rss_bytes", static_cast<std::uint64_t>(usage.ru_maxrss) * 1024},

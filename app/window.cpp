@@ -319,7 +319,7 @@ class Window
             ImageMetadata metadata = options.provenance;
             metadata["selvedge:samples"] = std::to_string(preview->frames());
             RenderResult result = result_of(preview->read());
-            if (view.denoise && denoise(result)) metadata["selvedge:denoised"] = "non-local means";
+            if (view.denoise && denoise(result)) metadata["selvedge:denoised"] = denoised_by;
             write_result(options.screenshot, result, exposure, metadata);
             status.message = "saved " + options.screenshot;
         } catch (const std::exception& error) {

@@ -77,7 +77,7 @@ struct Input {
             for (int dy = -1; dy <= 1; ++dy)
                 for (int dx = -1; dx <= 1; ++dx)
                     sum += own.row(y + dy)[x + dx] * float((2 - std::abs(dx)) * (2 - std::abs(dy)));
-            noise.row(y)[x] = sum / 16;
+            noise.row(y)[x] = std::min(sum / 16, 1e30f); // infinities would cancel to what is no number
         });
         for (Padded* plane : {&r, &g, &b, &alpha, &noise, &counts}) plane->mirror();
     }

@@ -142,7 +142,7 @@ void cross_sheet(const RTCFilterFunctionNArguments* arguments)
 struct RayScene::State {
     RTCDevice device = nullptr;
     RTCScene scene = nullptr;
-    bool packets_of_16 = false, packets_of_8 = false; // what the processor has vectors for
+    int packet = 1; // rays that go together: as many as a vector of the processor holds, of 4 alone
     std::vector<Sheets> sheets;
 
     ~State()
@@ -156,8 +156,8 @@ RayScene::RayScene(const Scene& scene) : state_(std::make_unique<State>())
 {
     State& state = *state_;
     state.device = new_device();
-    state.packets_of_16 = rtcGetDeviceProperty(state.device, RTC_DEVICE_PROPERTY_NATIVE_RAY16_SUPPORTED) != 0;
-    state.packets_of_8 = rtcGetDeviceProperty(state.device, RTC_DEVICE_PROPERTY_NATIVE_RAY8_SUPPORTED) != 0;
+    if (rtcGetDeviceProperty(state.device, RTC_DEVICE_PROPERTY_NATIVE_RAY8_SUPPORTED)) state.packet = 8;
+    if (rtcGetDeviceProperty(state.device, RTC_DEVICE_PROPERTY_NATIVE_RAY16_SUPPORTED)) state.packet = 16;
     state.scene = rtcNewScene(state.device);
     rtcSetSceneFlags(state.scene, RTC_SCENE_FLAG_ROBUST);
     // High quality splits triangles, and then Embree may show one crossing to the filter twice, which would be counted
@@ -237,8 +237,8 @@ static void closest_in_packets(const RayScene& scene, RTCScene tree, const Penci
 
 void RayScene::closest_together(const PencilRay* rays, std::uint32_t count, RayHit* hits) const
 {
-    if (state_->packets_of_16) return closest_in_packets<16>(*this, state_->scene, rays, count, hits);
-    if (state_->packets_of_8) return closest_in_packets<8>(*this, state_->scene, rays, count, hits);
+    if (state_->packet == 16) return closest_in_packets<16>(*this, state_->scene, rays, count, hits);
+    if (state_->packet == 8) return closest_in_packets<8>(*this, state_->scene, rays, count, hits);
     for (std::uint32_t k = 0; k < count; ++k)
         hits[k] = closest(rays[k].origin, rays[k].direction, rays[k].near, std::numeric_limits<float>::infinity());
 }
@@ -335,15 +335,10 @@ void RayScene::find_transmittances(ShadowRay* rays, std::uint32_t together, std:
     context.ray = nullptr;
 
     sheets.clear();
-    std::uint32_t alone = together;
-    if (state_->packets_of_16)
-        block_in_packets<16>(state_->scene, rays, together, context);
-    else if (state_->packets_of_8)
-        block_in_packets<8>(state_->scene, rays, together, context);
-    else
-        alone = 0;
-    for (std::uint32_t k = alone; k < count; ++k) {
-        if (k >= together && rays[k].least > 0.0f) continue;
+    if (state_->packet == 16) block_in_packets<16>(state_->scene, rays, together, context);
+    if (state_->packet == 8) block_in_packets<8>(state_->scene, rays, together, context);
+    for (std::uint32_t k = state_->packet > 1 ? together : 0; k < count; ++k) {
+        if (rays[k].least > 0.0f) continue;
         const std::size_t before = sheets.size();
         if (!is_blocked(state_->scene, rays[k], k, context)) continue;
         sheets.resize(before);

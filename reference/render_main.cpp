@@ -356,7 +356,7 @@ nlohmann::json render_picture(const RenderOptions& options, const Job& job, tbb:
     if (plies) metadata["selvedge:geometry"] = "plies";
     metadata["selvedge:block_length"] = std::to_string(settings.block_length);
     if (complete) metadata["selvedge:work"] = work;
-    if (cleaned) metadata["selvedge:denoised"] = "non-local means";
+    if (cleaned) metadata["selvedge:denoised"] = denoised_by;
     for (const std::string& path : job.outputs) write_result(path, result, scene.film.exposure, metadata);
     // Complete pictures of a sequence are known by their headers; their checkpoints would fill the disk.
     std::error_code ignored;

@@ -40,8 +40,8 @@ def test_pictures_do_not_depend_on_which_samples_go_together(tmp_path, isa):
     assert all((whole[name] == parts[name]).all() for name in whole)
     other = picture("", tmp_path / "other.exr")
     apart = np.abs(whole["G"] - other["G"]) / (other["G"] + 1e-3)
-    assert np.median(apart) < 1e-5 and (apart > 1e-2).mean() < .01
-    assert whole["G"].mean() == pytest.approx(other["G"].mean(), rel=1e-3)
+    assert np.median(apart) < 1e-5 and (apart > 1e-3).mean() < .01   # AVX2 against SSE: 2.6e-4 at most
+    assert whole["G"].mean() == pytest.approx(other["G"].mean(), rel=1e-4)
 
 
 def test_an_unknown_instruction_set_is_refused(tmp_path):

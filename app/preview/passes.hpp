@@ -40,7 +40,7 @@ class Passes
     explicit Passes(const GlInfo& info);
 
     // From now on the programs have what the scene needs; they are compiled when they are first drawn with.
-    //   tiles  they end by themselves: reference/adaptive.hpp
+    //   tiles    they end by themselves: reference/adaptive.hpp
     //   squares  the spread of frames is asked for
     void choose(const Needs& needs, bool tiles, bool squares);
     // Compiles what a frame is drawn with, where that has not been done.

@@ -296,10 +296,7 @@ bool Preview::draw_frame()
 void Preview::present(glm::ivec2 corner, glm::ivec2 size, float exposure, bool denoised)
 {
     denoised = denoised && !finished();
-    GLint framebuffer = 0;
-    gl.GetIntegerv(GL_DRAW_FRAMEBUFFER_BINDING, &framebuffer);
     if (denoised && !stale) refresh_denoised();
-    gl.BindFramebuffer(GL_FRAMEBUFFER, static_cast<GLuint>(framebuffer));
     passes.present(targets, corner, size, shown_weights(), exposure, denoised && denoised_frames > 0);
 }
 
@@ -312,7 +309,10 @@ void Preview::refresh_denoised()
     if (frame_count < std::max(first, denoised_frames + (denoised_frames + 3) / 4)) return;
     const Clock::time_point start = Clock::now();
     if (denoised_frames > 0 && std::chrono::duration<double>(start - denoised_at).count() < 9 * denoise_seconds) return;
+    GLint framebuffer = 0; // that reading unbinds
+    gl.GetIntegerv(GL_DRAW_FRAMEBUFFER_BINDING, &framebuffer);
     RenderResult result = result_of(read());
+    gl.BindFramebuffer(GL_FRAMEBUFFER, static_cast<GLuint>(framebuffer));
     if (!denoise(result)) return;
     targets.show(&result.mean[0].x);
     denoised_frames = frame_count;

@@ -90,10 +90,9 @@ class Preview
 
     // The accumulated picture through the display transform into a rectangle of the bound framebuffer (GL window
     // coordinates: from the lower left), stretched without filtering.
-    //   denoised  without its noise (reference/denoise.hpp), as it was found by a share of the samples that is never
-    //   far
-    //             from all of them; needs knows_spread. Where too little is known, and where the picture is finished,
-    //             it is shown as it is.
+    //   denoised  without its noise (reference/denoise.hpp), by a share of the samples that is never far from all;
+    //   needs
+    //             knows_spread. Where too little is known, and where it is finished, the picture is shown as it is.
     void present(glm::ivec2 corner, glm::ivec2 size, float exposure, bool denoised = false);
     PreviewImage read() const;
 
