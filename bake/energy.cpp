@@ -127,7 +127,8 @@ cloth::f32::ClothYarn shade_yarn(const YarnSpec& spec, glm::vec3 tint, const Sla
     yarn.alpha_r = std::clamp(spec.roughness, 0.01f, 1.0f);
     yarn.alpha_t = std::clamp(spec.roughness_transmission.value_or(spec.roughness), 0.01f, 1.0f);
     yarn.thickness = yarn.thickness_t = spec.thickness;
-    yarn.twist = glm::radians(spec.fibre_twist_deg);
+    const double twist = glm::radians(double(spec.fibre_twist_deg));
+    yarn.twist = {std::cos(twist), std::sin(twist)};
     yarn.diffuse_mix = spec.diffuse_mix;
     yarn.reflectance = yarn.diffuse_r + yarn.albedo_r * float(slab.mean.x);
     yarn.transmittance = yarn.diffuse_t + yarn.albedo_t * float(slab.mean.y);

@@ -196,10 +196,11 @@ CLOTH_FN real3 cloth_point_value(CLOTH_IN(ClothPoint) p, CLOTH_IN(ClothYarn) yar
 }
 
 // Share of light that crosses the slab along o without meeting a fibre: the U term of [3.1].
-CLOTH_FN real cloth_unscattered(CLOTH_IN(ClothPoint) p, CLOTH_IN(ClothYarn) yarn, real3 o)
+//   normal, tangent  of the ply, unit
+CLOTH_FN real cloth_unscattered(CLOTH_IN(ClothYarn) yarn, real3 normal, real3 tangent, real3 o)
 {
-    real c_o = max(dot(p.normal_f, o), cloth_cosine_min);
-    return exp(-min((yarn.thickness + yarn.beneath) * cloth_sggx_sigma(o, p.tangent, yarn.alpha_t) / c_o, cloth_depth_max));
+    real c_o = max(dot(normal, o), cloth_cosine_min);
+    return exp(-min((yarn.thickness + yarn.beneath) * cloth_sggx_sigma(o, tangent, yarn.alpha_t) / c_o, cloth_depth_max));
 }
 
 // Light that reaches a point by way of other yarns, over all bounces, relative to what an open place receives: E - I_p with

@@ -144,7 +144,7 @@ ClothYarn cloth_fetch_yarn(ClothMaps maps, int index)
     vec4 a = texelFetch(yarn_table, base), b = texelFetch(yarn_table, base + 1), c = texelFetch(yarn_table, base + 2);
     vec4 d = texelFetch(yarn_table, base + 3), e = texelFetch(yarn_table, base + 4), f = texelFetch(yarn_table, base + 5);
     vec4 g = texelFetch(yarn_table, base + 6);
-    return ClothYarn(a.xyz, b.xyz, c.xyz, d.xyz, a.w, b.w, c.w, d.w, e.w, e.xyz, f.xyz, g.xyz, f.w, c.w);
+    return ClothYarn(a.xyz, b.xyz, c.xyz, d.xyz, a.w, b.w, c.w, vec2(d.w, g.w), e.w, e.xyz, f.xyz, g.xyz, f.w, c.w);
 }
 ClothLight cloth_fetch_light(ClothLights lights, int index)
 {

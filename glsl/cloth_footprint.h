@@ -63,19 +63,24 @@ CLOTH_FN bool cloth_uses_visibility(ClothSettings settings)
     return settings.bsdf == cloth_bsdf_meso && settings.visibility != cloth_visibility_none;
 }
 
+// The kinds of visibility that are not the default.
+CLOTH_RARE_FN real cloth_other_visibility_at(CLOTH_IN(ClothMaps) maps, int side, ivec2 spot, real3 d, int kind)
+{
+    if (kind == cloth_visibility_horizon16) return cloth_horizon16_visibility(maps, side, spot, d);
+    ivec2 xy = spot >> 2;
+    if (kind == cloth_visibility_asg)
+        return cloth_asg_visibility(cloth_fetch_asg(maps, side, xy, 0), cloth_fetch_asg(maps, side, xy, 1), d);
+    if (kind == cloth_visibility_cap)
+        return cloth_cap_visibility(cloth_fetch_visibility(maps, side, xy.y * maps.size.x + xy.x), d);
+    return cloth_exact_visibility(maps, side, xy, d);
+}
+
 // V of a direction at a spot, in the frame of `side`.
 CLOTH_FN real cloth_visibility_at(CLOTH_IN(ClothMaps) maps, int side, ivec2 spot, real3 d, ClothSettings settings)
 {
     if (!cloth_uses_visibility(settings)) return d.z > real(0) ? real(1) : real(0);
-    if (settings.visibility == cloth_visibility_horizon8)
-        return cloth_horizon_visibility(cloth_fetch_horizon(maps, side, cloth_horizon_at(maps, spot)), d);
-    if (settings.visibility == cloth_visibility_horizon16) return cloth_horizon16_visibility(maps, side, spot, d);
-    ivec2 xy = spot >> 2;
-    if (settings.visibility == cloth_visibility_asg)
-        return cloth_asg_visibility(cloth_fetch_asg(maps, side, xy, 0), cloth_fetch_asg(maps, side, xy, 1), d);
-    if (settings.visibility == cloth_visibility_cap)
-        return cloth_cap_visibility(cloth_fetch_visibility(maps, side, xy.y * maps.size.x + xy.x), d);
-    return cloth_exact_visibility(maps, side, xy, d);
+    if (settings.visibility != cloth_visibility_horizon8) return cloth_other_visibility_at(maps, side, spot, d, settings.visibility);
+    return cloth_horizon_visibility(cloth_fetch_horizon(maps, side, cloth_horizon_at(maps, spot)), d);
 }
 
 // A_G of the paper: projected area of the footprint from the mean slopes of the mip level that matches it [6.2, 7].
@@ -230,9 +235,10 @@ CLOTH_FN ClothBend cloth_bend(CLOTH_IN(ClothMaps) maps, CLOTH_IN(ClothTexel) tex
                               bool noise, real u)
 {
     if (u >= real(0.5)) return ClothBend(texel.point.tangent, yarn.albedo_t * real(2), yarn.alpha_t, yarn.thickness);
-    ClothTexel below = cloth_texel(maps, 1 - side, xy, tile, noise);
-    ClothYarn lower  = cloth_fetch_yarn(maps, below.yarn);
-    return ClothBend(cloth_mirror(below.point.tangent), lower.albedo_t * real(2), lower.alpha_t, lower.thickness);
+    uvec2 below     = cloth_fetch_texel(maps, 1 - side, xy);
+    ClothYarn lower = cloth_fetch_yarn(maps, cloth_texel_yarn(below));
+    real3 tangent   = cloth_fibre_tangent(maps, 1 - side, below, cloth_decode_slopes(below.x), texel.point.normal_b, xy, tile, noise);
+    return ClothBend(cloth_mirror(tangent), lower.albedo_t * real(2), lower.alpha_t, lower.thickness);
 }
 
 // What the ray meets at a found point.
@@ -265,7 +271,7 @@ CLOTH_FN ClothSelection cloth_meet(CLOTH_IN(ClothMaps) maps, int side, ClothFoot
     // Straight through a gap if the line clears the yarns behind as well. A gap point that does not is the flank of its
     // nearest yarn, shaded with n_s [5.2]; the paper has no flank. Through a yarn goes what meets no fibre. A weight other
     // than 1 is spent as a probability, which saturates above 1: it cannot be carried to the next layer.
-    real unscattered = settings.unscattered ? cloth_unscattered(result.texel.point, result.yarn, o) : real(0);
+    real unscattered = settings.unscattered ? cloth_unscattered(result.yarn, result.texel.point.normal_f, result.texel.point.tangent, o) : real(0);
     real through     = (result.texel.gap ? real(1) : unscattered) * min(result.weight, real(1));
     result.passes    = !stops && u < through;
     if (result.passes && meso) {
@@ -297,26 +303,53 @@ CLOTH_FN ClothSelection cloth_select(CLOTH_IN(ClothMaps) maps, int side, ClothFo
     return cloth_meet(maps, side, footprint, cloth_find(maps, side, footprint, o, settings, random, u.x), o, settings, u.y, false);
 }
 
+// A straight way through the cloth at a point.
+struct ClothCrossing {
+    ivec2 spot;         // in quarters of a texel
+    real3 up;           // the way, as it leaves the front: unit, local
+    real share;         // of its light that the point itself lets by; 0: nothing gets through
+    real unscattered;   // that a yarn beside the point lets by, where one is in the way
+};
+
+//   d  local unit direction of travel, either way
+CLOTH_FN ClothCrossing cloth_crossing(CLOTH_IN(ClothMaps) maps, real2 tile, real3 d, ClothSettings settings)
+{
+    ivec2 spot = cloth_spot_at(maps, tile);
+    uvec2 word = cloth_fetch_texel(maps, 0, spot >> 2);
+    bool gap   = cloth_texel_is_gap(word);
+    real3 up   = d.z < real(0) ? -d : d;
+    ClothCrossing crossing = ClothCrossing(spot, up, real(0), real(0));
+    if (up.z <= real(0) || !(gap || settings.unscattered)) return crossing;
+    crossing.share = real(1);
+    if (settings.unscattered) {
+        real2 slope  = cloth_decode_slopes(word.x);
+        real facing  = up.z - dot(slope, real2(up.x, up.y));   // n.up times the length of n's area vector
+        if (!gap && facing <= real(0)) return ClothCrossing(spot, up, real(0), real(0));
+        ClothYarn yarn = cloth_fetch_yarn(maps, cloth_texel_yarn(word));
+        real3 normal   = cloth_slope_normal(slope, cloth_area_length(slope));
+        real3 tangent  = cloth_fibre_tangent(maps, 0, word, slope, normal, spot >> 2, ivec2(0, 0), false);
+        crossing.unscattered = cloth_unscattered(yarn, normal, tangent, up);
+        if (!gap) crossing.share = crossing.unscattered;
+        // Points of the meso model count by their area, those of the micro model all alike, as in cloth_find.
+        if (!gap && settings.bsdf == cloth_bsdf_meso) crossing.share *= facing / max(up.z, cloth_cosine_min);
+    }
+    return crossing;
+}
+
+// Share that is not in the way of yarns beside the point, on either side.
+CLOTH_FN real cloth_crossing_clears(CLOTH_IN(ClothMaps) maps, ClothCrossing crossing, ClothSettings settings)
+{
+    if (!cloth_uses_visibility(settings)) return real(1);
+    real3 up = crossing.up;
+    return cloth_clears(cloth_visibility_at(maps, 0, crossing.spot, up, settings), crossing.unscattered) *
+           cloth_clears(cloth_visibility_at(maps, 1, crossing.spot, real3(-up.x, -up.y, up.z), settings), crossing.unscattered);
+}
+
 // Share of the light travelling along d that crosses the cloth at a point without being scattered. Zero footprint: the mean
 // over the cloth is T_d [5.2], with the light between the fibres of a yarn added where the settings ask for it.
 //   d  local unit direction of travel, either way;  return in [0, inf): mean over the repeat <= 1
 CLOTH_FN real cloth_transmittance(CLOTH_IN(ClothMaps) maps, real2 tile, real3 d, ClothSettings settings)
 {
-    ivec2 spot = cloth_spot_at(maps, tile);
-    bool gap   = cloth_texel_is_gap(cloth_fetch_texel(maps, 0, spot >> 2));
-    real3 up   = d.z < real(0) ? -d : d;   // the same line, leaving the front
-    if (up.z <= real(0) || !(gap || settings.unscattered)) return real(0);
-    real share = real(1), unscattered = real(0);
-    if (settings.unscattered) {
-        ClothTexel texel = cloth_texel(maps, 0, spot >> 2, ivec2(0, 0), false);
-        real facing      = dot(texel.point.normal_f, up);
-        if (!gap && facing <= real(0)) return real(0);
-        unscattered = cloth_unscattered(texel.point, cloth_fetch_yarn(maps, texel.yarn), up);
-        if (!gap) share = unscattered;
-        // Points of the meso model count by their area, those of the micro model all alike, as in cloth_find.
-        if (!gap && settings.bsdf == cloth_bsdf_meso) share *= facing * texel.point.length_f / max(up.z, cloth_cosine_min);
-    }
-    if (!cloth_uses_visibility(settings)) return share;
-    return share * cloth_clears(cloth_visibility_at(maps, 0, spot, up, settings), unscattered) *
-           cloth_clears(cloth_visibility_at(maps, 1, spot, real3(-up.x, -up.y, up.z), settings), unscattered);
+    ClothCrossing crossing = cloth_crossing(maps, tile, d, settings);
+    return crossing.share > real(0) ? crossing.share * cloth_crossing_clears(maps, crossing, settings) : real(0);
 }

@@ -39,16 +39,48 @@ CLOTH_FN bool cloth_texel_is_gap(uvec2 word)
     return (word.y & 0x800000u) != 0u;
 }
 
+CLOTH_FN int cloth_texel_yarn(uvec2 word)
+{
+    return int((word.y >> 16u) & 127u);
+}
+
 // Fibre twist at a texel: that of the yarn, plus the noise N(p) of the place on the cloth [math.md 1].
-//   tile  index of the repeat, any integers
-CLOTH_FN real cloth_twist(CLOTH_IN(ClothMaps) maps, real twist, ivec2 xy, ivec2 tile)
+//   twist, return  cosine and sine;  tile  index of the repeat, any integers
+CLOTH_FN real2 cloth_twist(CLOTH_IN(ClothMaps) maps, real2 twist, ivec2 xy, ivec2 tile)
 {
     if (maps.noise_amplitude <= real(0)) return twist;
     real2 cells = real2((real(xy.x) + real(0.5)) / real(maps.size.x) * real(maps.noise_cells.x),
                         (real(xy.y) + real(0.5)) / real(maps.size.y) * real(maps.noise_cells.y));
     real2 base  = floor(cells);
     uvec2 cell  = uvec2(uint(tile.x) * uint(maps.noise_cells.x) + uint(base.x), uint(tile.y) * uint(maps.noise_cells.y) + uint(base.y));
-    return twist + maps.noise_amplitude / cloth_noise_mean_abs * cloth_noise(cell, cells - base);
+    real more   = maps.noise_amplitude / cloth_noise_mean_abs * cloth_noise(cell, cells - base);
+    real c = cos(more), s = sin(more);
+    return real2(twist.x * c - twist.y * s, twist.y * c + twist.x * s);
+}
+
+// Length of the area vector (-slope, 1), and its direction; `area` is that length.
+CLOTH_FN real cloth_area_length(real2 slope)
+{
+    return sqrt(real(1) + dot(slope, slope));
+}
+
+CLOTH_FN real3 cloth_slope_normal(real2 slope, real area)
+{
+    return real3(-slope.x, -slope.y, real(1)) * (real(1) / area);
+}
+
+// Fibres on the surface of a ply: its way in the plane, lifted onto the surface, and turned by the twist.
+//   word, slope, normal  of the texel, from its side;  noise  false: without N(p)
+CLOTH_FN real3 cloth_fibre_tangent(CLOTH_IN(ClothMaps) maps, int side, uvec2 word, real2 slope, real3 normal, ivec2 xy, ivec2 tile, bool noise)
+{
+    real azimuth = real(word.y & 0xffffu) * (cloth_pi / real(65536));
+    real cx = cos(azimuth), cy = sin(azimuth);
+    real rise   = slope.x * cx + slope.y * cy;
+    real3 ply   = real3(cx, cy, rise) * (real(1) / sqrt(real(1) + rise * rise));   // perpendicular to the normal by construction
+    real2 twist = cloth_fetch_yarn(maps, cloth_texel_yarn(word)).twist;
+    if (noise) twist = cloth_twist(maps, twist, xy, tile);
+    // The mirror of the back side turns the sense of a twist around [math.md 1].
+    return twist.x * ply + (side == 0 ? twist.y : -twist.y) * cross(normal, ply);
 }
 
 // Both sides of texel xy of repeat `tile` as seen from `side`: "front" below is the viewer's side.
@@ -58,19 +90,11 @@ CLOTH_FN ClothTexel cloth_texel(CLOTH_IN(ClothMaps) maps, int side, ivec2 xy, iv
     uvec2 back   = cloth_fetch_texel(maps, 1 - side, xy);
     real2 s_f    = cloth_decode_slopes(front.x);
     real2 s_b    = cloth_decode_slopes(back.x);
-    int yarn     = int((front.y >> 16u) & 127u);
-    real len_f   = sqrt(real(1) + dot(s_f, s_f));
-    real len_b   = sqrt(real(1) + dot(s_b, s_b));
-    real3 n_f    = real3(-s_f.x, -s_f.y, real(1)) / len_f;
-    real3 n_b    = real3(-s_b.x, -s_b.y, real(1)) / len_b;
-    real azimuth = real(front.y & 0xffffu) * (cloth_pi / real(65536));
-    real cx = cos(azimuth), cy = sin(azimuth);
-    real3 t_p    = normalize(real3(cx, cy, s_f.x * cx + s_f.y * cy));   // perpendicular to n_f by construction
-    // The mirror of the back side turns the sense of a twist around [math.md 1].
-    real omega   = cloth_fetch_yarn(maps, yarn).twist;
-    real twist   = (noise ? cloth_twist(maps, omega, xy, tile) : omega) * (side == 0 ? real(1) : real(-1));
-    real3 t      = cos(twist) * t_p + sin(twist) * cross(n_f, t_p);
-    return ClothTexel(ClothPoint(n_f, n_b, t, t, len_f, len_b), s_f, yarn, cloth_texel_is_gap(front),
+    real len_f   = cloth_area_length(s_f);
+    real len_b   = cloth_area_length(s_b);
+    real3 n_f    = cloth_slope_normal(s_f, len_f);
+    real3 t      = cloth_fibre_tangent(maps, side, front, s_f, n_f, xy, tile, noise);
+    return ClothTexel(ClothPoint(n_f, cloth_slope_normal(s_b, len_b), t, t, len_f, len_b), s_f, cloth_texel_yarn(front), cloth_texel_is_gap(front),
                       real(front.y >> 24u) / real(255), real(back.y >> 24u) / real(255));
 }
 
@@ -80,7 +104,7 @@ CLOTH_FN ClothTexel cloth_texel(CLOTH_IN(ClothMaps) maps, int side, ivec2 xy, iv
 CLOTH_FN int cloth_horizon_cell(int spot, int size)
 {
     int inside = spot & 3;
-    int cell   = (spot + (inside == 3 ? 1 : 0) - (inside == 0 ? 1 : 0)) >> 3;
+    int cell   = (spot + int(inside == 3) - int(inside == 0)) >> 3;
     return cell < 0 ? size - 1 : cell < size ? cell : 0;
 }
 

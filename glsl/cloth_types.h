@@ -9,7 +9,7 @@ struct ClothYarn {
     real alpha_r;      // SGGX roughness of the reflection lobe, [cloth_alpha_min, 1]
     real alpha_t;      // of the transmission lobe
     real thickness;    // optical thickness T of the slab, > 0
-    real twist;        // fibre angle to the ply, about the ply normal [rad]
+    real2 twist;       // fibre angle to the ply, about the ply normal: cosine and sine
     real diffuse_mix;  // w of [4.1]: 1 = Lambert about the ply normal, 0 = about the macroscopic normal
     real3 reflectance; // rho of [9.1]: what a yarn surface gives back of light from all around, reflection lobes only
     real3 transmittance; // of light from all around, what comes out on the other side scattered; 0 where that is taken to meet no yarn

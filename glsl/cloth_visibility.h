@@ -11,10 +11,10 @@ CLOTH_FN real cloth_horizon_azimuth(real2 d)
     real larger = max(ax, ay);
     real t = larger > real(0) ? min(ax, ay) / larger : real(0);
     real f = t + real(0.3476) * t * (real(1) - t);
-    real g = ax >= ay ? f : real(2) - f;
-    if (d.x < real(0)) g = real(4) - g;
-    if (d.y < real(0)) g = real(8) - g;
-    return g;
+    // Mirrored at the diagonal and at the axes where d lies beyond: |0 - g| is g. No branches, which a processor could only guess.
+    real g = abs(real(ax < ay) * real(2) - f);
+    g      = abs(real(d.x < real(0)) * real(4) - g);
+    return abs(real(d.y < real(0)) * real(8) - g);
 }
 
 CLOTH_FN real cloth_horizon_knot(uvec2 word, uint k)
@@ -26,9 +26,8 @@ CLOTH_FN real cloth_horizon_knot(uvec2 word, uint k)
 // Soft step of d.z over the horizon s, rim-aware: an unoccluded texel (s = 0) stays 1 down to the rim [8.5].
 CLOTH_FN real cloth_horizon_step(real s, real z)
 {
-    real low  = s - cloth_horizon_soft;
-    real high = min(s + cloth_horizon_soft, real(2) * s);
-    return clamp((z - low) / max(high - low, real(1e-6)), real(0), real(1));
+    real low = s - cloth_horizon_soft;   // the step ends at min(s + soft, 2 s)
+    return clamp((z - low) / min(real(2) * cloth_horizon_soft, s + cloth_horizon_soft), real(0), real(1));
 }
 
 // V in [0, 1] of a unit direction d, d.z > 0, in the frame of the knots' side; 0 at and below the horizontal.
@@ -40,7 +39,7 @@ CLOTH_FN real cloth_horizon_visibility(uvec2 knots, real3 d)
     real k  = floor(g);
     uint k0 = uint(k) & 7u;
     real s  = mix(cloth_horizon_knot(knots, k0), cloth_horizon_knot(knots, (k0 + 1u) & 7u), g - k);
-    return cloth_horizon_step(s / real(255), d.z);
+    return cloth_horizon_step(s * (real(1) / real(255)), d.z);
 }
 
 // The paper's V: amplitude times ASG, min(1, .), with the clamp that Eq. 8 lost [0, E6].

@@ -2,10 +2,12 @@
 // C++ sees it through cloth_bsdf.hpp, which defines real, real2, real3, real4 for each precision.
 #ifdef __cplusplus
 #define CLOTH_FN inline
+#define CLOTH_RARE_FN [[gnu::noinline]] inline   // out of the way of what is asked for often
 #define CLOTH_CONST inline constexpr
 #define CLOTH_IN(type) const type&   // a struct too large to be copied
 #else
 #define CLOTH_FN
+#define CLOTH_RARE_FN
 #define CLOTH_CONST const
 #define CLOTH_IN(type) type
 #define real float

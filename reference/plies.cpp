@@ -436,10 +436,10 @@ void PlyScene::shade(const Entry& entry, bool leaving, glm::vec3 direction, PlyV
     selection.side = 0;
     selection.spot = f32::cloth_spot_at(maps, at);
     selection.yarn = f32::cloth_fetch_yarn(maps, mesh.yarn[entry.triangle]);
-    const float twist = scene_.model.settings.twist_noise
+    const glm::vec2 twist = scene_.model.settings.twist_noise
                             ? f32::cloth_twist(maps, selection.yarn.twist, selection.spot >> 2, tile)
                             : selection.yarn.twist;
-    const glm::vec3 tangent = std::cos(twist) * along + std::sin(twist) * glm::cross(outside, along);
+    const glm::vec3 tangent = twist.x * along + twist.y * glm::cross(outside, along);
 
     vertex.object = placed.object;
     vertex.distance = entry.distance;
@@ -464,7 +464,8 @@ void PlyScene::shade(const Entry& entry, bool leaving, glm::vec3 direction, PlyV
 static float unscattered(const PlyVertex& vertex)
 {
     const f32::ClothSelection& selection = vertex.shading.selection;
-    return f32::cloth_unscattered(selection.texel.point, selection.yarn, vertex.surface.wo);
+    return f32::cloth_unscattered(selection.yarn, selection.texel.point.normal_f, selection.texel.point.tangent,
+                                  vertex.surface.wo);
 }
 
 // The first surface that the ray does not pass between the fibres of, and which of its lobes answers for it.

@@ -100,7 +100,11 @@ void find_crossing(CrossedSheet& sheet, const Sheets& of, glm::vec3 direction)
 // What a ray with a roulette has left behind a sheet.
 void pass(ShadowRay& ray, const Sheets& of, const CrossedSheet& sheet, const f32::ClothSettings& settings)
 {
-    ray.share.left *= f32::cloth_transmittance(of.maps, sheet.tile, sheet.direction, settings);
+    const f32::ClothCrossing crossing = f32::cloth_crossing(of.maps, sheet.tile, sheet.direction, settings);
+    ray.share.left *= crossing.share;
+    ray.share = f32::cloth_shadow_roulette(ray.share, ray.least);
+    if (ray.share.left <= 0.0f) return;
+    ray.share.left *= f32::cloth_crossing_clears(of.maps, crossing, settings);
     ray.share = f32::cloth_shadow_roulette(ray.share, ray.least);
 }
 

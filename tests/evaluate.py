@@ -121,7 +121,7 @@ class GlslEvaluator:
         first = np.concatenate([[0], np.cumsum([len(part) for part in t])])
         mips = [np.ascontiguousarray(side, "u4").ravel() for side in tables.mips]
         y, z = np.asarray(tables.yarns, "f4"), np.zeros((len(tables.yarns), 3), "f4")
-        yarns = np.hstack([y[:, 0:3], y[:, 12:13], y[:, 3:6], y[:, 13:14], y[:, 6:9], y[:, 14:15], y[:, 9:12], y[:, 15:16], z, y[:, 16:17], np.zeros((len(y), 8), "f4")])
+        yarns = np.hstack([y[:, 0:3], y[:, 12:13], y[:, 3:6], y[:, 13:14], y[:, 6:9], y[:, 14:15], y[:, 9:12], np.cos(y[:, 15:16]), z, y[:, 16:17], np.zeros((len(y), 7), "f4"), np.sin(y[:, 15:16])])
         v, z = np.asarray(tables.lights, "f4"), np.zeros((len(tables.lights), 1), "f4")
         lights = np.hstack([v[:, 2:5], v[:, 17:18], v[:, 5:8], v[:, 18:19], v[:, 8:11], z, v[:, 11:14], z, v[:, 14:17], z, v[:, 0:2], z, z])
         e = np.ascontiguousarray(tables.emitters, "f4")

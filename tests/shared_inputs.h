@@ -48,7 +48,7 @@ CLOTH_FN ClothPoint in_point(int k)   // 11
 
 CLOTH_FN ClothYarn in_yarn(int k)   // 17
 {
-    return ClothYarn(in3(k), in3(k + 3), in3(k + 6), in3(k + 9), in1(k + 12), in1(k + 13), in1(k + 14), in1(k + 15), in1(k + 16), real3(real(0)), real3(real(0)), real3(real(0)), real(0), in1(k + 14));
+    return ClothYarn(in3(k), in3(k + 3), in3(k + 6), in3(k + 9), in1(k + 12), in1(k + 13), in1(k + 14), real2(cos(in1(k + 15)), sin(in1(k + 15))), in1(k + 16), real3(real(0)), real3(real(0)), real3(real(0)), real(0), in1(k + 14));
 }
 
 CLOTH_FN ClothTriangle in_triangle(int k)   // 24

@@ -170,10 +170,10 @@ void SceneBuffers::upload_yarns(const Scene& scene)
             table.insert(table.end(), {{yarn.albedo_r, yarn.alpha_r},
                                        {yarn.albedo_t, yarn.alpha_t},
                                        {yarn.diffuse_r, yarn.thickness},
-                                       {yarn.diffuse_t, yarn.twist},
+                                       {yarn.diffuse_t, yarn.twist.x},
                                        {yarn.reflectance, yarn.diffuse_mix},
                                        {yarn.transmittance, yarn.beneath},
-                                       {yarn.albedo, 0}});
+                                       {yarn.albedo, yarn.twist.y}});
     yarn_table.upload(GL_RGBA32F, 16, table.data(), bytes_of(table), "yarns", info);
 }
 

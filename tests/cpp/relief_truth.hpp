@@ -245,10 +245,9 @@ class ReliefTruth
         const glm::ivec2 xy(static_cast<int>((x % size.x + size.x) % size.x),
                             static_cast<int>((y % size.y + size.y) % size.y));
         const cloth::f32::ClothMaps maps = maps_of(cloth);
-        const double twist = double(cloth::f32::cloth_twist(
-                                 maps, yarn.twist, xy, base + glm::ivec2(tile_of(x, size.x), tile_of(y, size.y)))) *
-                             (side == 0 ? 1 : -1);
-        return {n, std::cos(twist) * along + std::sin(twist) * glm::cross(n, along), &yarn, texel.gap};
+        const glm::dvec2 twist = cloth::f32::cloth_twist(
+            maps, yarn.twist, xy, base + glm::ivec2(tile_of(x, size.x), tile_of(y, size.y)));
+        return {n, twist.x * along + (side == 0 ? 1 : -1) * twist.y * glm::cross(n, along), &yarn, texel.gap};
     }
 
     // Reflection at a point, value with cosine: slab and diffuse, math.md 3.4 and 4.1, green.

@@ -77,7 +77,7 @@ TEST_CASE("samples of a shaded point give the integral of its value, light betwe
                       0.2,
                       0.2,
                       2,
-                      0,
+                      glm::dvec2(1, 0),
                       1,
                       glm::dvec3(0.6),
                       glm::dvec3(0.3),
