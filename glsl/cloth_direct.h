@@ -117,7 +117,7 @@ CLOTH_FN real3 cloth_shading_value(CLOTH_IN(ClothMaps) maps, CLOTH_IN(ClothShadi
     if (shading.matte) return shading.albedo * (max(wi.z, real(0)) / cloth_pi);
     bool reflected = wi.z > real(0);
     int side       = shading.selection.side;
-    real v = cloth_visibility_at(maps, reflected ? side : 1 - side, shading.selection.spot, reflected ? wi : cloth_mirror(wi), settings);
+    real v = cloth_visibility_at(maps, reflected ? side : 1 - side, shading.selection.spot, real3(wi.x, wi.y, abs(wi.z)), settings);
     real3 value = real3(real(0));
     if (v > real(0))
         value = cloth_point_value(shading.selection.texel.point, shading.selection.yarn, wi, wo, settings.slab) * v;

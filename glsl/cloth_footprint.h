@@ -133,7 +133,9 @@ CLOTH_FN real2 cloth_descend(CLOTH_IN(ClothMaps) maps, int side, ClothDescent ra
     bool lower_1 = cloth_height_at(maps, side, place - quarter) < z + real(0.25) * ray.step;
     bool lower_2 = cloth_height_at(maps, side, place - (quarter << 1u)) < z + real(0.5) * ray.step;
     bool lower_3 = cloth_height_at(maps, side, place - quarter * 3u) < z + real(0.75) * ray.step;
-    real above   = lower_2 ? (lower_1 ? real(0.25) : real(0.5)) : (lower_3 ? real(0.75) : real(1));
+    // The quarter that lower_2 and then one of the others choose, without branches, which a processor could only guess.
+    real upper   = real(1) - real(0.25) * real(lower_3), lower = real(0.5) - real(0.25) * real(lower_1);
+    real above   = upper + real(lower_2) * (lower - upper);
     // Half way: of a wall between two texels each gets its half. Below alone, crests would be seen too often (2 % too bright).
     return ray.start + ray.run * (z + ray.step * (above - real(0.125)));
 }
