@@ -5,6 +5,9 @@
 #include <cmath>
 #include <cstdint>
 #include <glm/glm.hpp>
+#ifdef __SSE__
+#include <immintrin.h>
+#endif
 #include "interop.h"
 
 namespace cloth {
@@ -22,7 +25,28 @@ inline std::uint32_t cloth_multiply_high(std::uint32_t a, std::uint32_t b)
     return static_cast<std::uint32_t>((std::uint64_t(a) * b) >> 32);
 }
 
-// That of glm is a comparison, which GCC makes a branch of.
+// Those of glm are comparisons, of which GCC makes branches that a processor can only guess.
+using glm::clamp;
+using glm::max;
+using glm::min;
+
+#ifdef __SSE__
+inline float min(float x, float y)
+{
+    return _mm_cvtss_f32(_mm_min_ss(_mm_set_ss(y), _mm_set_ss(x)));
+}
+
+inline float max(float x, float y)
+{
+    return _mm_cvtss_f32(_mm_max_ss(_mm_set_ss(y), _mm_set_ss(x)));
+}
+
+inline float clamp(float x, float low, float high)
+{
+    return min(max(x, low), high);
+}
+#endif
+
 inline float abs(float x)
 {
     return std::fabs(x);
