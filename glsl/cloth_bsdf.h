@@ -173,7 +173,7 @@ CLOTH_FN real3 cloth_point_value(CLOTH_IN(ClothPoint) p, CLOTH_IN(ClothYarn) yar
     real c_o = dot(p.normal_f, o);
     if (c_o <= real(0) || i.z == real(0)) return real3(real(0));
     bool reflected = i.z > real(0);
-    real3 i_side   = reflected ? i : cloth_mirror(i);
+    real3 i_side   = real3(i.x, i.y, abs(i.z));
     real3 n_side   = reflected ? p.normal_f : p.normal_b;
     real3 tangent  = reflected ? p.tangent : p.tangent_t;
     real alpha     = reflected ? yarn.alpha_r : yarn.alpha_t;

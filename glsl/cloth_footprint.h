@@ -319,7 +319,7 @@ CLOTH_FN ClothCrossing cloth_crossing(CLOTH_IN(ClothMaps) maps, real2 tile, real
     ivec2 spot = cloth_spot_at(maps, tile);
     uvec2 word = cloth_fetch_texel(maps, 0, spot >> 2);
     bool gap   = cloth_texel_is_gap(word);
-    real3 up   = d.z < real(0) ? -d : d;
+    real3 up   = d * (real(1) - real(2) * real(d.z < real(0)));
     ClothCrossing crossing = ClothCrossing(spot, up, real(0), real(0));
     if (up.z <= real(0) || !(gap || settings.unscattered)) return crossing;
     crossing.share = real(1);

@@ -456,7 +456,7 @@ void Renderer::add_light(Batch& batch, int slot, int slots, Counters& counters) 
                 small ? 0.0f : f32::cloth_least(brings[way], batch.bright[lane] + brings[0] + brings[1]);
             const glm::vec3 normal = vertex.surface.normal_g;
             ShadowRay query = {
-                f32::cloth_leave(vertex.surface.position, glm::dot(light.wi, normal) > 0.0f ? normal : -normal),
+                f32::cloth_leave(vertex.surface.position, normal * std::copysign(1.0f, glm::dot(light.wi, normal))),
                 light.wi,
                 light.distance * (1.0f - 1e-4f),
                 least,
