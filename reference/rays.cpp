@@ -486,6 +486,41 @@ Bvh build_bvh(const Scene& scene)
     return bvh;
 }
 
+namespace
+{
+
+// Of a box's nearest point; boxes that overlap there are told apart by their middles.
+float distance_to(const BvhNode& node, glm::vec3 eye)
+{
+    return glm::distance(glm::clamp(eye, node.low, node.high), eye) +
+           0.5f * glm::distance(0.5f * (node.low + node.high), eye);
+}
+
+void append_ordered(const std::vector<BvhNode>& from, std::uint32_t at, glm::vec3 eye, std::vector<BvhNode>& to)
+{
+    const std::size_t place = to.size();
+    to.push_back(from[at]);
+    if (from[at].leaf == 0) {
+        std::uint32_t first = at + 1, second = from[first].skip;
+        const bool two = second < from[at].skip;
+        if (two && distance_to(from[second], eye) < distance_to(from[first], eye)) std::swap(first, second);
+        append_ordered(from, first, eye, to);
+        if (two) append_ordered(from, second, eye, to);
+    }
+    to[place].skip = std::uint32_t(to.size());
+}
+
+} // namespace
+
+void order_bvh(Bvh& bvh, glm::vec3 eye)
+{
+    if (bvh.nodes.empty()) return;
+    std::vector<BvhNode> ordered;
+    ordered.reserve(bvh.nodes.size());
+    append_ordered(bvh.nodes, 0, eye, ordered);
+    bvh.nodes = std::move(ordered);
+}
+
 std::string embree_version()
 {
     return RTC_VERSION_STRING;

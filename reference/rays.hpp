@@ -98,6 +98,10 @@ struct Bvh {
 //   throws  InputError for more than 2^29 triangles
 Bvh build_bvh(const Scene& scene);
 
+// The same tree with the child first that lies nearer to `eye`: rays from there that look for the nearest triangle then
+// leave out most of what lies behind it.
+void order_bvh(Bvh& bvh, glm::vec3 eye);
+
 std::string embree_version(); // "3.13.5"
 
 } // namespace selvedge

@@ -275,6 +275,7 @@ bool Preview::draw_frame()
     frame.past_right = glm::vec4(past.right, 1 / std::max(glm::dot(past.right, past.right), 1e-30f));
     frame.past_up = glm::vec4(past.up, 1 / std::max(glm::dot(past.up, past.up), 1e-30f));
     passes.set_frame(frame);
+    if (needs.camera_rays || needs.layers()) buffers.order_bvh(camera.position);
     buffers.bind_textures();
     passes.visibility(targets, buffers);
     targets.bind_textures();

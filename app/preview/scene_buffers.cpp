@@ -222,7 +222,8 @@ void SceneBuffers::upload_lights(const Scene& scene)
 void SceneBuffers::upload_bvh(const Scene& scene, const Needs& needs)
 {
     static_assert(sizeof(BvhNode) == 32, "two texels a node");
-    const Bvh bvh = needs.traces_rays() ? build_bvh(scene) : Bvh{};
+    bvh = needs.traces_rays() ? build_bvh(scene) : Bvh{};
+    bvh_eye.reset();
     node_count = static_cast<int>(checked(bvh.nodes.size()));
     bvh_nodes.upload(GL_RGBA32UI, 16, bvh.nodes.data(), bytes_of(bvh.nodes), "BVH nodes", info);
     std::vector<glm::uvec4> table;
@@ -237,6 +238,15 @@ void SceneBuffers::upload_bvh(const Scene& scene, const Needs& needs)
                       words(object.mesh.positions[corner.z] - p0, lets_rays_through(scene, object) ? 1 : 0)});
     }
     bvh_triangles.upload(GL_RGBA32UI, 16, table.data(), bytes_of(table), "BVH triangles", info);
+    bvh.triangles = {};
+}
+
+void SceneBuffers::order_bvh(glm::vec3 eye)
+{
+    if (bvh_eye == eye) return;
+    selvedge::order_bvh(bvh, eye);
+    bvh_eye = eye;
+    bvh_nodes.upload(GL_RGBA32UI, 16, bvh.nodes.data(), bytes_of(bvh.nodes), "BVH nodes", info);
 }
 
 void SceneBuffers::bind_textures() const

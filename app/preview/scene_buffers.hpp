@@ -3,10 +3,12 @@
 #pragma once
 
 #include <cstdint>
+#include <optional>
 #include <vector>
 
 #include "gl.hpp"
 #include "needs.hpp"
+#include "reference/rays.hpp"
 #include "reference/scene.hpp"
 
 namespace selvedge
@@ -25,6 +27,7 @@ class SceneBuffers
     void upload_fabrics(const Scene& scene, const Needs& needs); // maps, yarns, and the objects' references to them
     void upload_lights(const Scene& scene);                      // lights and environment
     void upload_bvh(const Scene& scene, const Needs& needs);     // what rays walk
+    void order_bvh(glm::vec3 eye);                               // for rays from there; nothing where it is so
 
     void bind_textures() const;
     void bind_object(std::size_t index) const; // vertex array of an object
@@ -48,6 +51,8 @@ class SceneBuffers
     BufferTexture map_words, slope_words, height_words, asg_table, tile_bases, yarn_table, light_table, triangle_table,
         object_table, emitter_table, bvh_nodes, bvh_triangles;
     GlName environment_map, inversion_map;
+    Bvh bvh; // without the triangles
+    std::optional<glm::vec3> bvh_eye;
 };
 
 } // namespace selvedge
