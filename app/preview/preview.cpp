@@ -275,7 +275,9 @@ bool Preview::draw_frame()
     frame.past_right = glm::vec4(past.right, 1 / std::max(glm::dot(past.right, past.right), 1e-30f));
     frame.past_up = glm::vec4(past.up, 1 / std::max(glm::dot(past.up, past.up), 1e-30f));
     passes.set_frame(frame);
-    if (needs.camera_rays || needs.layers()) buffers.order_bvh(camera.position);
+    // While the camera moves no view has a second frame.
+    if (needs.traces_rays() && (frame_count > 0 || options.planned > 0))
+        buffers.order_bvh(camera.position, !info.software);
     buffers.bind_textures();
     passes.visibility(targets, buffers);
     targets.bind_textures();

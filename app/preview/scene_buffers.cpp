@@ -241,9 +241,9 @@ void SceneBuffers::upload_bvh(const Scene& scene, const Needs& needs)
     bvh.triangles = {};
 }
 
-void SceneBuffers::order_bvh(glm::vec3 eye)
+void SceneBuffers::order_bvh(glm::vec3 eye, bool once)
 {
-    if (bvh_eye == eye) return;
+    if (bvh_eye && (once || *bvh_eye == eye)) return;
     selvedge::order_bvh(bvh, eye);
     bvh_eye = eye;
     bvh_nodes.upload(GL_RGBA32UI, 16, bvh.nodes.data(), bytes_of(bvh.nodes), "BVH nodes", info);

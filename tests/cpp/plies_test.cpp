@@ -30,6 +30,7 @@ glm::vec3 to_world(glm::dvec3 w)
 f32::ClothYarn yarn_of(float albedo, float diffuse_r, float diffuse_t, float thickness)
 {
     f32::ClothYarn yarn{};
+    yarn.twist = {1, 0};
     yarn.albedo_r = yarn.albedo_t = glm::vec3(albedo);
     yarn.diffuse_r = glm::vec3(diffuse_r);
     yarn.diffuse_t = glm::vec3(diffuse_t);
@@ -213,6 +214,7 @@ TEST_CASE("plies: one straight tube in the sun shows its point BSDF, lit from be
 {
     const f32::ClothYarn yarn = yarn_of(0.8f, 0.15f, 0.1f, 1.2f);
     f64::ClothYarn yarn64{};
+    yarn64.twist = {1, 0};
     yarn64.albedo_r = yarn.albedo_r, yarn64.albedo_t = yarn.albedo_t;
     yarn64.diffuse_r = yarn.diffuse_r, yarn64.diffuse_t = yarn.diffuse_t;
     yarn64.alpha_r = double(yarn.alpha_r), yarn64.alpha_t = double(yarn.alpha_t);

@@ -312,3 +312,47 @@ TEST_CASE("the BVH for the preview finds what Embree finds", "[scene][rays]")
     CHECK(hits < 15000);
     CHECK(differ <= 2); // rays through an edge
 }
+
+TEST_CASE("a BVH in order for an eye is the same tree, and a walk to the nearest triangle is shorter", "[scene][rays]")
+{
+    const Folder folder;
+    const Scene scene = load_scene(folder.write("scene.json", R"({
+        "objects": [ {"shape": "sphere"}, {"shape": "cylinder", "translate": [1.5, 0, 0], "rotate": [30, 20, 10]},
+                     {"shape": "plane", "scale": 10, "translate": [0, -1, 0]} ] })"));
+    const glm::vec3 eye(3, 1.5f, 4);
+    const Bvh built = build_bvh(scene);
+    // From the eye, nodes that 2000 walks to the nearest box of a leaf look at.
+    const auto walk = [&](const Bvh& bvh, std::vector<float>& found) {
+        std::size_t visited = 0;
+        for (std::uint32_t k = 0; k < 2000; ++k) {
+            const glm::vec2 a = f32::cloth_random(7u, k, 0u), b = f32::cloth_random(7u, k, 1u);
+            const glm::vec3 direction = glm::normalize(glm::vec3(a, b.x) * 3.0f - 1.5f - eye);
+            float nearest = 1e30f;
+            for (std::uint32_t n = 0; n < bvh.nodes.size();) {
+                const BvhNode& node = bvh.nodes[n];
+                ++visited;
+                const glm::vec3 s = (node.low - eye) / direction, t = (node.high - eye) / direction;
+                const glm::vec3 low = glm::min(s, t), high = glm::max(s, t);
+                const float near = std::max({low.x, low.y, low.z, 0.0f}), far = std::min({high.x, high.y, high.z});
+                const bool entered = near <= far && near < nearest;
+                if (entered && node.leaf != 0) nearest = near;
+                n = entered && node.leaf == 0 ? n + 1 : node.skip;
+            }
+            found.push_back(nearest);
+        }
+        return visited;
+    };
+    std::vector<float> as_built, toward, away; // distances that the walks find
+    const std::size_t plain = walk(built, as_built);
+    Bvh ordered = built;
+    order_bvh(ordered, eye);
+    const std::size_t shorter = walk(ordered, toward);
+    CHECK(toward == as_built);
+    CHECK(double(shorter) < 0.9 * double(plain));
+    order_bvh(ordered, -eye);
+    CHECK(walk(ordered, away) > shorter);
+    CHECK(away == as_built);
+    Bvh none;
+    order_bvh(none, eye);
+    CHECK(none.nodes.empty());
+}
