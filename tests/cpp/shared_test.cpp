@@ -3,6 +3,7 @@
 #include <catch2/catch.hpp>
 
 #include <cmath>
+#include <numbers>
 #include <random>
 #include <type_traits>
 #include <vector>
@@ -11,6 +12,22 @@
 
 // A second file that includes the door: a shared function that is not inline would not link.
 double sigma_of_the_other_file(glm::dvec3 w, glm::dvec3 t, double alpha);
+
+TEST_CASE("the arc tangent of the shared source is that of the C library", "[shared]")
+{
+    using cloth::atan;
+    double worst = 0;
+    for (int k = 0; k < 200000; ++k) {
+        const double angle = ((k + 0.5) / 100000 - 1) * std::numbers::pi, length = std::exp2(k % 121 - 60);
+        const float y = float(length * std::sin(angle)), x = float(length * std::cos(angle));
+        worst = std::max(worst, std::abs(double(atan(y, x)) - std::atan2(double(y), double(x))));
+    }
+    CHECK(worst < 4e-7); // an ulp and a half of pi
+    for (const float x : {-2.0f, -0.0f, 0.0f, 2.0f})
+        for (const float y : {-3.0f, -0.0f, 0.0f, 3.0f})
+            if (x != 0 || y != 0) CHECK(atan(y, x) == Approx(std::atan2(y, x)).margin(1e-7));
+    CHECK(atan(0.0f, 0.0f) == 0.0f);
+}
 
 TEST_CASE("two files share the source", "[shared]")
 {
