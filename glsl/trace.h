@@ -31,7 +31,8 @@ void find_leaf(inout Walk walk, float near, float far)
     while (walk.triangle >= walk.end && walk.node < frame.lights.w) {
         uvec4 low = texelFetch(bvh_nodes, walk.node * 2), high = texelFetch(bvh_nodes, walk.node * 2 + 1);
         vec3 t0 = (uintBitsToFloat(low.xyz) - walk.origin) * walk.inverse, t1 = (uintBitsToFloat(high.xyz) - walk.origin) * walk.inverse;
-        // As min and max, which would look for NaN: llvmpipe needs half the instructions. There is none: `inverse` is finite.
+        // As min and max, which would look for NaN: llvmpipe needs half the instructions. There is none: `inverse` is finite. `precise`, or
+        // the compiler makes min and max of them.
         bvec3 upward = lessThan(t0, t1);
         precise vec3 nearer = mix(t1, t0, upward), further = mix(t0, t1, upward);
         precise float enter = nearer.x > nearer.y ? nearer.x : nearer.y, leave = further.x < further.y ? further.x : further.y;

@@ -437,8 +437,8 @@ void PlyScene::shade(const Entry& entry, bool leaving, glm::vec3 direction, PlyV
     selection.spot = f32::cloth_spot_at(maps, at);
     selection.yarn = f32::cloth_fetch_yarn(maps, mesh.yarn[entry.triangle]);
     const glm::vec2 twist = scene_.model.settings.twist_noise
-                            ? f32::cloth_twist(maps, selection.yarn.twist, selection.spot >> 2, tile)
-                            : selection.yarn.twist;
+                                ? f32::cloth_twist(maps, selection.yarn.twist, selection.spot >> 2, tile)
+                                : selection.yarn.twist;
     const glm::vec3 tangent = twist.x * along + twist.y * glm::cross(outside, along);
 
     vertex.object = placed.object;

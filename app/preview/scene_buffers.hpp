@@ -27,8 +27,8 @@ class SceneBuffers
     void upload_fabrics(const Scene& scene, const Needs& needs); // maps, yarns, and the objects' references to them
     void upload_lights(const Scene& scene);                      // lights and environment
     void upload_bvh(const Scene& scene, const Needs& needs);     // what rays walk
-    // For rays from there; nothing where it is so, or where `once` and it was ordered for another eye. Shadow rays gain by
-    // it as well.
+    // For rays from there; nothing where it is so, or where `once` and it was ordered for another eye. Shadow rays gain
+    // by it as well.
     void order_bvh(glm::vec3 eye, bool once);
 
     void bind_textures() const;

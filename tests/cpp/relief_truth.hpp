@@ -245,8 +245,8 @@ class ReliefTruth
         const glm::ivec2 xy(static_cast<int>((x % size.x + size.x) % size.x),
                             static_cast<int>((y % size.y + size.y) % size.y));
         const cloth::f32::ClothMaps maps = maps_of(cloth);
-        const glm::dvec2 twist = cloth::f32::cloth_twist(
-            maps, yarn.twist, xy, base + glm::ivec2(tile_of(x, size.x), tile_of(y, size.y)));
+        const glm::dvec2 twist =
+            cloth::f32::cloth_twist(maps, yarn.twist, xy, base + glm::ivec2(tile_of(x, size.x), tile_of(y, size.y)));
         return {n, twist.x * along + (side == 0 ? 1 : -1) * twist.y * glm::cross(n, along), &yarn, texel.gap};
     }
 
