@@ -431,7 +431,8 @@ void Renderer::add_light(Batch& batch, int slot, int slots, Counters& counters) 
         const f32::ClothLightChoice& choice = batch.choice[lane];
         const int ways = settings_.mis && f32::cloth_light_has_two_ways(choice.light, vertex.shading) ? 2 : 1;
         const glm::vec2 u_lobe = ways == 2 ? f32::cloth_draw(random, f32::cloth_dim_lobe) : glm::vec2(0.0f);
-        float brings[2] = {0.0f, 0.0f}; // luminance of each way in full light
+        float brings[2] = {0.0f, 0.0f}; // luminance of each way if nothing is in the way
+        float full = batch.bright[lane]; // of the sample, without the cloth's own shadow
         for (int way = 0; way < ways; ++way) {
             f32::ClothDirect& light = batch.light[way][lane];
             make_in(light, [&] {
@@ -439,7 +440,9 @@ void Renderer::add_light(Batch& batch, int slot, int slots, Counters& counters) 
                                             scene_.model.settings, random, choice, way == 1, ways == 2 ? 1.0f : 0.0f,
                                             u_lobe);
             });
-            if (light.any) brings[way] = f32::cloth_luminance(light.value);
+            if (!light.any) continue;
+            brings[way] = f32::cloth_luminance(light.value);
+            full += brings[way] / light.lit;
         }
         const float u = f32::cloth_draw(random, f32::cloth_dim_light).y;
         // Rays to a light that looks small from everywhere go nearly the same way.
@@ -451,17 +454,16 @@ void Renderer::add_light(Batch& batch, int slot, int slots, Counters& counters) 
                 ++counters.rays_saved;
                 continue;
             }
-            // Rays that go together save nothing by a roulette, so they have none.
-            const float least =
-                small ? 0.0f : f32::cloth_least(brings[way], batch.bright[lane] + brings[0] + brings[1]);
+            // Rays that go together save nothing by a roulette on their way, so they have none there.
+            const float least = f32::cloth_least(brings[way], full);
             const glm::vec3 normal = vertex.surface.normal_g;
             ShadowRay query = {
                 f32::cloth_leave(vertex.surface.position, normal * std::copysign(1.0f, glm::dot(light.wi, normal))),
                 light.wi,
                 light.distance * (1.0f - 1e-4f),
-                least,
+                small ? 0.0f : least,
                 {1.0f, way == 0 ? u : 1.0f - u}}; // the decisions on the two ways are each other's opposites
-            query.share = f32::cloth_shadow_roulette(query.share, query.least);
+            query.share = f32::cloth_shadow_roulette(query.share, least);
             if (query.share.left <= 0.0f) {
                 batch.arrived[way][lane] = glm::vec3(0.0f);
                 continue;
