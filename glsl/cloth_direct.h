@@ -30,14 +30,16 @@ struct ClothDirect {
     real3 wi;        // unit, world
     real distance;   // [m] to the light
     real3 value;     // radiance toward the viewer if nothing is in the way
-    real lit;        // about which share that is of what it were without the cloth's own shadow, (0, 1]
+    real lit;        // about which share that is of what it were if the point had no yarn in its light, (0, 1]
 };
 
-// Shadow rays that bring less than this share of what their sample has (from this light in full, as if the point had no yarn in its
-// light; from those that were asked before what has arrived) are left to a roulette: a ray to a point that only light between yarns
-// reaches, or that cloth has let through, costs as much as any other or as several, and brings little. At
+// Shadow rays that bring less than this share of what their sample has (from this light in full, from those that were asked before what
+// has arrived) are left to a roulette: a ray that cloth has let through costs as much as several that end there, and brings little. At
 // 0.25 a sample of the demo costs a quarter less in the preview and the error grows by 0.5 %; at 1 it costs no less and the error grows
 // by 8 % (measured with one of its two lights at a time).
+// In the reference "in full" is as if the point had no yarn in its light (ClothDirect::lit): rays for light between yarns alone have a
+// roulette before they set out. A sample of the demo costs 6 % less, and relMSE grows by 3 %. In the preview it would save 2 % of a
+// frame: a ray less among sixteen that go in step.
 CLOTH_CONST real cloth_faint = real(0.25);
 
 // Below what is left of its light a shadow ray's roulette begins, as a share of what the ray brings; 0: it has none.

@@ -58,7 +58,7 @@ vec3 light_of_slot(ClothMaps maps, ClothSurface surface, ClothShading shading, C
     if (is_outward(surface, d.wi)) return d.value;
     vec3 side    = surface.normal_g * (dot(d.wi, surface.normal_g) < 0.0 ? -1.0 : 1.0);
     float brings = cloth_luminance(d.value);
-    return d.value * transmittance(cloth_leave(surface.position, side), d.wi, d.distance * (1.0 - 1e-4), cloth_least(brings, bright + brings / d.lit), u.y);
+    return d.value * transmittance(cloth_leave(surface.position, side), d.wi, d.distance * (1.0 - 1e-4), cloth_least(brings, bright + brings), u.y);
 }
 
 //   first  vertex of its path

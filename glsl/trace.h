@@ -31,15 +31,10 @@ void find_leaf(inout Walk walk, float near, float far)
     while (walk.triangle >= walk.end && walk.node < frame.lights.w) {
         uvec4 low = texelFetch(bvh_nodes, walk.node * 2), high = texelFetch(bvh_nodes, walk.node * 2 + 1);
         vec3 t0 = (uintBitsToFloat(low.xyz) - walk.origin) * walk.inverse, t1 = (uintBitsToFloat(high.xyz) - walk.origin) * walk.inverse;
-        // As min and max, which would look for NaN: llvmpipe needs half the instructions. There is none: `inverse` is finite. `precise`, or
-        // the compiler makes min and max of them.
-        bvec3 upward = lessThan(t0, t1);
-        precise vec3 nearer = mix(t1, t0, upward), further = mix(t0, t1, upward);
-        precise float enter = nearer.x > nearer.y ? nearer.x : nearer.y, leave = further.x < further.y ? further.x : further.y;
-        enter = enter > nearer.z ? enter : nearer.z;
-        leave = leave < further.z ? leave : further.z;
-        enter = enter > near ? enter : near;
-        leave = leave < far ? leave : far;
+        // Which is nearer by the direction's sign: min and max look for NaN, which llvmpipe needs three instructions for.
+        bvec3 upward = greaterThan(walk.inverse, vec3(0.0));
+        vec3 nearer  = mix(t1, t0, upward), further = mix(t0, t1, upward);
+        float enter = max(max(nearer.x, nearer.y), max(nearer.z, near)), leave = min(min(further.x, further.y), min(further.z, far));
         bool inside = enter <= leave * 1.0000004;
         bool leaf   = inside && high.w != 0u;
         walk.triangle = leaf ? int(high.w >> 3u) : walk.triangle;
