@@ -28,7 +28,7 @@ SKIPS = {"plane_plain": ("lights", "matte", "model", "shadows"), "cylinder_satin
          "sphere_matte": ("fabric", "gaps", "lights", "shadows"), "demo": ("lights", "model")}
 LONG = {"frames": 24, "rounds": 5, "turns": 200, "resolutions": {"512": (512, 512), "1080p": (1920, 1080), "4K": (3840, 2160)}, "pixels": 2.0e8,
         "equal_frames": 4096, "equal_size": 64}
-SHORT = {"frames": 6, "rounds": 3, "turns": 40, "resolutions": {"512": (512, 512)}, "pixels": 1.5e6, "equal_frames": 256, "equal_size": 48}
+SHORT = {"frames": 6, "rounds": 3, "turns": 40, "resolutions": {"512": (512, 512)}, "pixels": 1.5e6, "equal_frames": 4096, "equal_size": 48}
 
 
 class Bench:
