@@ -431,7 +431,7 @@ void Renderer::add_light(Batch& batch, int slot, int slots, Counters& counters) 
         const f32::ClothLightChoice& choice = batch.choice[lane];
         const int ways = settings_.mis && f32::cloth_light_has_two_ways(choice.light, vertex.shading) ? 2 : 1;
         const glm::vec2 u_lobe = ways == 2 ? f32::cloth_draw(random, f32::cloth_dim_lobe) : glm::vec2(0.0f);
-        float brings[2] = {0.0f, 0.0f}; // luminance of each way if nothing is in the way
+        float brings[2] = {0.0f, 0.0f};  // luminance of each way if nothing is in the way
         float full = batch.bright[lane]; // of the sample, without the cloth's own shadow
         for (int way = 0; way < ways; ++way) {
             f32::ClothDirect& light = batch.light[way][lane];
@@ -454,8 +454,9 @@ void Renderer::add_light(Batch& batch, int slot, int slots, Counters& counters) 
                 ++counters.rays_saved;
                 continue;
             }
-            // Rays that go together save nothing by a roulette on their way, so they have none there.
-            const float least = f32::cloth_least(brings[way], full);
+            // Rays that go together save nothing by a roulette on their way, so they have none there; and none beside
+            // other lights, which would cost more in noise than a ray.
+            const float least = f32::cloth_least(brings[way], small ? brings[way] / light.lit : full);
             const glm::vec3 normal = vertex.surface.normal_g;
             ShadowRay query = {
                 f32::cloth_leave(vertex.surface.position, normal * std::copysign(1.0f, glm::dot(light.wi, normal))),
