@@ -47,7 +47,7 @@ inline float clamp(float x, float low, float high)
 }
 #endif
 
-// Angle of (x, y), within 3e-7 rad; that of (0, 0) is 0. The C library's takes three times as long, most of it for guesses.
+// Angle of (x, y), within 4e-7 rad; that of (0, 0) is 0. With the C library's a sample of the demo under its sky alone takes 3 % longer.
 //   source  Abramowitz & Stegun 1964, 4.4.49
 inline float atan(float y, float x)
 {

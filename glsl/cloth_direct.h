@@ -132,7 +132,7 @@ CLOTH_FN ClothValue cloth_shading_lit(CLOTH_IN(ClothMaps) maps, CLOTH_IN(ClothSh
     // Light that reached the point by way of other yarns has no horizon of its own: openness has counted it.
     bool between = cloth_lights_between(settings);
     if (between) value += (reflected ? shading.between.r : shading.between.t) * (abs(wi.z) / cloth_pi);
-    return ClothValue(value * shading.selection.weight, between && v <= real(0) ? max(shading.between.share, real(1e-6)) : real(1));
+    return ClothValue(value * shading.selection.weight, between && v <= real(0) ? max(shading.between.share, real(1e-6)) : real(1));   // the share may have underflowed
 }
 
 CLOTH_FN real3 cloth_shading_value(CLOTH_IN(ClothMaps) maps, CLOTH_IN(ClothShading) shading, real3 wi, real3 wo, ClothSettings settings)

@@ -9,7 +9,6 @@
 
 #include "app/preview/shader_source.hpp"
 #include "bake/error.hpp"
-#include "reference/rays.hpp"
 
 namespace selvedge
 {
@@ -247,6 +246,7 @@ void SceneBuffers::order_bvh(glm::vec3 eye, bool once)
     selvedge::order_bvh(bvh, eye);
     bvh_eye = eye;
     bvh_nodes.upload(GL_RGBA32UI, 16, bvh.nodes.data(), bytes_of(bvh.nodes), "BVH nodes", info);
+    if (once) bvh.nodes = {};
 }
 
 void SceneBuffers::bind_textures() const

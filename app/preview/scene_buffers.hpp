@@ -53,7 +53,7 @@ class SceneBuffers
     BufferTexture map_words, slope_words, height_words, asg_table, tile_bases, yarn_table, light_table, triangle_table,
         object_table, emitter_table, bvh_nodes, bvh_triangles;
     GlName environment_map, inversion_map;
-    Bvh bvh; // without the triangles
+    Bvh bvh; // without the triangles; empty where it is not ordered again
     std::optional<glm::vec3> bvh_eye;
 };
 
