@@ -1,7 +1,6 @@
 // app/headless.cpp: the preview without a window: frames until an end is reached, then one picture and one report.
 #include <algorithm>
 #include <chrono>
-#include <csignal>
 #include <cstdio>
 #include <deque>
 #include <stdexcept>
@@ -32,8 +31,6 @@ double seconds_since(Clock::time_point start)
 {
     return std::chrono::duration<double>(Clock::now() - start).count();
 }
-
-volatile std::sig_atomic_t interrupted = 0;
 
 // Lets the driver work one frame ahead, no further, and tells how long frames take.
 class Pace
@@ -147,7 +144,7 @@ const char* draw_frames(Preview& preview, const LookdevOptions& options, Pace& p
             stopped_by = "error";
             break;
         }
-    } while (!interrupted);
+    } while (!interrupted());
     pace.finish();
     if (progress) std::fprintf(stderr, "\r\33[K");
     return stopped_by;
@@ -172,15 +169,12 @@ int run_headless(LookdevOptions options)
     preview_options.max_depth = options.paths ? options.max_depth : 1;
     preview_options.kept = options.kept;
     preview_options.finding = options.finding;
+    preview_options.shading = options.shading;
     preview_options.planned_size = scene.film.resolution;
     preview_options.target_error = options.target_error;
     preview_options.reproject = false; // nothing moves
     preview_options.planned = 1;
-    for (const int signal : {SIGINT, SIGTERM})
-        std::signal(signal, [](int number) {
-            interrupted = 1;
-            std::signal(number, SIG_DFL); // a second one ends the program at once
-        });
+    end_by_itself_when_interrupted();
     // The first frame compiles, in the driver as well, and the second one what differs in the state that the first
     // leaves (on llvmpipe 0.4 s): two of few pixels, which are not looked at. Drivers compile for sides that are powers
     // of two by themselves.

@@ -70,11 +70,23 @@ std::string list_of(const std::vector<std::string>& words)
     return text;
 }
 
+// What a word of an option stands for.
+template <typename Value>
+Value value_of(const char* option, const std::string& word, const std::vector<std::pair<std::string, Value>>& values)
+{
+    std::vector<std::string> words;
+    for (const auto& [name, value] : values) {
+        if (name == word) return value;
+        words.push_back(name);
+    }
+    throw UsageError("%s: '%s' is unknown, expected %s", option, word.c_str(), list_of(words).c_str());
+}
+
 LookdevOptions parse_options(int argc, char** argv, bool& done)
 {
     using namespace cloth::f32;
     LookdevOptions options;
-    std::string resolution, backend = "auto", integrator = "direct", finding = "auto";
+    std::string resolution, backend = "auto", integrator = "direct", finding = "auto", shading = "auto";
     std::vector<std::string> kept;
     ModelOptions model;
     bool version = false;
@@ -109,6 +121,8 @@ LookdevOptions parse_options(int argc, char** argv, bool& done)
     app.add_option("--primary", finding,
                    "how pixels find what they see: auto (default: rays where software GL has few pixels for a "
                    "triangle), raster, rays");
+    app.add_option("--shade", shading,
+                   "what shades pixels: auto (default: compute shaders on a card that has them), fragment, compute");
     app.add_option("--keep", kept,
                    "do a part's work whether the scene needs it or not, for comparison: " + list_of(skip_names()) +
                        ", all; repeatable")
@@ -138,11 +152,11 @@ LookdevOptions parse_options(int argc, char** argv, bool& done)
     if (options.scene.empty()) throw UsageError("no scene, expected SCENE.json");
     if (!resolution.empty()) options.resolution = parse_resolution(resolution);
     options.backend = parse_backend(backend);
-    const std::map<std::string, Finding> findings{
-        {"auto", Finding::automatic}, {"raster", Finding::raster}, {"rays", Finding::rays}};
-    if (findings.count(finding) == 0)
-        throw UsageError("--primary: '%s' is unknown, expected auto, raster or rays", finding.c_str());
-    options.finding = findings.at(finding);
+    options.finding = value_of<Finding>(
+        "--primary", finding, {{"auto", Finding::automatic}, {"raster", Finding::raster}, {"rays", Finding::rays}});
+    options.shading = value_of<Shading>(
+        "--shade", shading,
+        {{"auto", Shading::automatic}, {"fragment", Shading::fragment}, {"compute", Shading::compute}});
     for (const std::string& name : kept) {
         const std::vector<std::string>& known = skip_names();
         if (name == "all")

@@ -27,6 +27,7 @@ struct LookdevOptions {
     bool paths = false;                           // --integrator path
     int max_depth = cloth::f32::cloth_path_depth; // of paths, surfaces that scatter
     Finding finding = Finding::automatic;
+    Shading shading = Shading::automatic;
     std::set<std::string> kept; // parts that are done whether the scene needs them or not
     std::uint32_t seed = 0;
     bool json = false, quiet = false;

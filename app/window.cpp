@@ -214,6 +214,7 @@ class Window
         wanted.max_depth = view.paths ? view.max_depth : 1;
         wanted.kept = options.kept;
         wanted.finding = options.finding;
+        wanted.shading = options.shading;
         wanted.knows_spread = true;
         wanted.target_error = options.target_error > 0 ? options.target_error : display_error;
         // Where less than a display can show is asked for, soon; else the longest blocks, whose samples lie best.

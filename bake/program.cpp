@@ -1,12 +1,14 @@
-// bake/program.cpp: exit statuses, version text, provenance.
+// bake/program.cpp: exit statuses, signals, version text, provenance.
 #include "program.hpp"
 
+#include <csignal>
 #include <cstdio>
 #include <cstring>
 #include <exception>
 #include <new>
 
 #include <CLI/CLI.hpp>
+#include <time.h>
 
 #include "error.hpp"
 #include "revision.hpp" // written by revision.cmake at every build
@@ -39,6 +41,33 @@ bool parse_command_line(CLI::App& app, int argc, const char* const* argv)
         throw UsageError("%s", error.what());
     }
     return true;
+}
+
+static volatile std::sig_atomic_t interruptions = 0;
+static volatile double interrupted_at = 0;
+
+static void on_signal(int number)
+{
+    timespec now{};
+    clock_gettime(CLOCK_MONOTONIC, &now); // one of the few calls that a handler may make
+    const double seconds = static_cast<double>(now.tv_sec) + 1e-9 * static_cast<double>(now.tv_nsec);
+    if (interruptions > 0 && seconds - interrupted_at >= 0.5) {
+        std::signal(number, SIG_DFL);
+        std::raise(number);
+    }
+    if (interruptions > 0) return;
+    interrupted_at = seconds;
+    interruptions = 1;
+}
+
+void end_by_itself_when_interrupted()
+{
+    for (const int number : {SIGINT, SIGTERM}) std::signal(number, on_signal);
+}
+
+bool interrupted()
+{
+    return interruptions > 0;
 }
 
 std::string version_text(const char* program, const std::map<std::string, std::string>& libraries)

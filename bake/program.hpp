@@ -1,4 +1,5 @@
-// bake/program.hpp: what all selvedge programs do alike: errors to exit statuses, --version, provenance of files.
+// bake/program.hpp: what all selvedge programs do alike: errors to exit statuses, signals, --version, provenance of
+// files.
 #pragma once
 
 #include <functional>
@@ -19,6 +20,11 @@ int run_program(const char* program, const std::function<int()>& body);
 // Reads the command line into what `app` has bound. False: --help has been printed, and nothing else is to be done.
 //   throws  UsageError
 bool parse_command_line(CLI::App& app, int argc, const char* const* argv);
+
+// From now on SIGINT and SIGTERM ask the program to end by itself: interrupted() is true. Another one, half a second
+// later or more, ends it at once; not sooner, because timeout(1) sends two.
+void end_by_itself_when_interrupted();
+bool interrupted();
 
 // "selvedge-bake 0.1.0 (git abc123)\nOpenImageIO 2.4.7, ...\n"; `libraries`: name -> version, one line for all.
 std::string version_text(const char* program, const std::map<std::string, std::string>& libraries);

@@ -2,7 +2,6 @@
 #include <algorithm>
 #include <chrono>
 #include <cmath>
-#include <csignal>
 #include <cstdio>
 #include <cstring>
 #include <filesystem>
@@ -39,16 +38,7 @@ using Clock = std::chrono::steady_clock;
 constexpr double pass_seconds = 0.25; // a pass is as many samples as fit: SIGINT and --time wait for one
 constexpr double forever = std::numeric_limits<double>::infinity();
 
-// ---- interruption, progress
-// ------------------------------------------------------------------------------------------------
-
-volatile std::sig_atomic_t interrupted = 0;
-
-void on_signal(int signal)
-{
-    interrupted = 1;
-    std::signal(signal, SIG_DFL); // a second one ends the program at once
-}
+// ---- progress ------------------------------------------------------------------------------------------------------
 
 double seconds_since(Clock::time_point start)
 {
@@ -214,7 +204,7 @@ void render(Outcome& outcome, const RenderOptions& options, const Job& job, cons
             outcome.stopped_by = "samples";
             break;
         }
-        if (interrupted) {
+        if (interrupted()) {
             outcome.stopped_by = "signal";
             break;
         }
@@ -257,7 +247,7 @@ void render(Outcome& outcome, const RenderOptions& options, const Job& job, cons
     outcome.error = renderer.error(state);
     outcome.seconds = outcome.resumed_seconds + seconds_since(start);
     // A sequence is gone on with by --resume whether or not checkpoints were asked for: it is long.
-    if (keeps_checkpoints || (interrupted && (options.resume || options.sequence.any()))) save();
+    if (keeps_checkpoints || (interrupted() && (options.resume || options.sequence.any()))) save();
 }
 
 nlohmann::json skipped_json(const Scene& scene, const RayScene& rays, const Outcome& outcome)
@@ -329,9 +319,8 @@ nlohmann::json render_picture(const RenderOptions& options, const Job& job, tbb:
             std::fprintf(stderr, "%s: warning: %s\n", render_program, warning.c_str());
     const double build_seconds = seconds_since(build_start);
 
-    if (interrupted) return {};
-    std::signal(SIGINT, on_signal);
-    std::signal(SIGTERM, on_signal);
+    if (interrupted()) return {};
+    end_by_itself_when_interrupted();
     const std::string checkpoint_path = job.outputs.front() + ".checkpoint";
     Outcome outcome;
     arena.execute([&] { render(outcome, options, job, scene, rays, plies.get(), checkpoint_path); });
@@ -425,7 +414,7 @@ nlohmann::json render_all(const RenderOptions& options, tbb::task_arena& arena, 
         return render_picture(options, {options.outputs, options.overrides, 0.0, "", 0}, arena, threads, provenance);
     nlohmann::json pictures = nlohmann::json::array();
     int complete = 0;
-    for (int frame = sequence.first; frame <= sequence.last && !interrupted; ++frame) {
+    for (int frame = sequence.first; frame <= sequence.last && !interrupted(); ++frame) {
         Job job;
         for (const std::string& path : options.outputs) job.outputs.push_back(frame_path(path, frame));
         job.overrides = frame_overrides(options.overrides, frame);
@@ -435,7 +424,7 @@ nlohmann::json render_all(const RenderOptions& options, tbb::task_arena& arena, 
         const nlohmann::json report = render_picture(options, job, arena, threads, provenance);
         if (!report.is_null())
             pictures.push_back(report);
-        else if (!interrupted)
+        else if (!interrupted())
             ++complete;
     }
     return {{"pictures", pictures}, {"complete_before", complete}, {"turntable", sequence.turntable}};

@@ -1,6 +1,6 @@
 """What all benchmark suites share: the JSON report, its plots, its table, and docs/benchmarks.md made from the reports.
 
-As a program: `bench_report.py` reads out/bench/*.json and writes docs/benchmarks.md and the plots it shows."""
+As a program: `bench_report.py` reads out/bench/*.json and writes docs/benchmarks.md and the plots it shows; what has no report stays as it is."""
 import argparse
 import datetime
 import json
@@ -195,6 +195,9 @@ What the preview costs and saves, with software OpenGL unless the line above nam
 *specialised_over_general*: time of the program that the scene needs over that of the one that can do everything (`--keep all`), which draws
 the same bits. *gain*: time with a part done in vain over time without it. *off_over_stripped*: a scene that needs nothing against a shader
 written by hand for it (`tests/bench/stripped_shade.frag`). *max_bias*, *max_z_outliers*: against the reference, worst channel and scene.""",
+    "gpu": """\
+The preview on a graphics card, which the line above names; what the figures mean is said under *preview* and *error-time*. Frames are of one
+sample a pixel. The reference beside it has all cores of that machine.""",
     "plies": """\
 How far the surface model is from path tracing of the plies themselves; the tables and what they mean are in [plies.md](plies.md).""",
     "stability": """\
@@ -243,21 +246,25 @@ def stability_document(report):
     return text
 
 
-def document(reports):
-    """docs/benchmarks.md as text."""
-    text = INTRODUCTION
-    for report in reports:
-        suite = report["suite"]
-        text += f"\n## {suite}\n\n" + (METHODS[suite] + "\n\n" if suite in METHODS else "")
-        text += f"{report['date'][:10]}, revision {report['git']}, {report['cpu']}" + (f", {report['gl']}" if report["gl"] else "")
-        text += ", short form (`--quick`)" * bool(report.get("quick"))
-        text += busy(report) + ".\n\n"
-        text += "| figure | value | target | | runs | note |\n| --- | ---: | ---: | --- | ---: | --- |\n"
-        for (name, value, target, verdict, note), entry in zip(rows(report), report["figures"].values()):
-            text += f"| `{name}` | {value} | {target} | {verdict} | {entry['runs']} | {note.replace('|', '/')} |\n"
-        names = report.get("groups") or report["curves"]
-        text += "".join(f"\n![{suite}, {name}](bench/{suite}-{name}.svg)\n" for name in names)
-    return text
+def section(report):
+    """A report's part of docs/benchmarks.md, its heading aside."""
+    suite = report["suite"]
+    text = METHODS[suite] + "\n\n" if suite in METHODS else ""
+    text += f"{report['date'][:10]}, revision {report['git']}, {report['cpu']}" + (f", {report['gl']}" if report["gl"] else "")
+    text += ", short form (`--quick`)" * bool(report.get("quick"))
+    text += busy(report) + ".\n\n"
+    text += "| figure | value | target | | runs | note |\n| --- | ---: | ---: | --- | ---: | --- |\n"
+    for (name, value, target, verdict, note), entry in zip(rows(report), report["figures"].values()):
+        text += f"| `{name}` | {value} | {target} | {verdict} | {entry['runs']} | {note.replace('|', '/')} |\n"
+    names = report.get("groups") or report["curves"]
+    return text + "".join(f"\n![{suite}, {name}](bench/{suite}-{name}.svg)\n" for name in names)
+
+
+def document(reports, before=""):
+    """docs/benchmarks.md as text. Sections that it had `before` stay where there is no report: not every machine can make each of them."""
+    sections = dict(part.split("\n\n", 1) for part in before.split("\n## ")[1:])
+    sections |= {report["suite"]: section(report) for report in reports}
+    return INTRODUCTION + "".join(f"\n## {suite}\n\n{sections[suite].rstrip()}\n" for suite in sorted(sections))
 
 
 def main():
@@ -274,7 +281,7 @@ def main():
         for name in report.get("groups") or report["curves"]:
             plot = f"{report['suite']}-{name}.svg"
             (plots / plot).write_bytes((options.out / plot).read_bytes())
-    options.document.write_text(document(reports))
+    options.document.write_text(document(reports, options.document.read_text() if options.document.is_file() else ""))
     for report in reports:
         if report["suite"] == "ingredients":
             (options.document.parent / "ingredients.md").write_text(ingredient_tables.document(report, busy(report)))

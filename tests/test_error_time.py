@@ -136,6 +136,16 @@ def test_a_busy_machine_is_named():
     assert bench_report.other_load() >= 0
 
 
+def test_a_section_without_a_report_stays():
+    """Of a card that this machine lacks, for one."""
+    entry = bench_report.figure(3, "s", "lower")
+    report = {"date": "2026-11-23", "git": "0", "cpu": "one", "gl": "", "other_load": 0, "figures": {"f": entry}, "curves": {"c": []}}
+    before = bench_report.document([report | {"suite": "gpu"}, report | {"suite": "bake", "git": "1"}])
+    after = bench_report.document([report | {"suite": "bake", "git": "2"}], before)
+    assert after == before.replace("revision 1", "revision 2") != before
+    assert "## gpu" in after and bench_report.document([], bench_report.DOCUMENT.read_text()) == bench_report.DOCUMENT.read_text()
+
+
 def test_targets_know_better_from_worse():
     assert bench_report.met(bench_report.figure(3, "s", "lower", target=4)) is True
     assert bench_report.met(bench_report.figure(3, "x", "higher", target=4)) is False

@@ -114,6 +114,21 @@ def test_a_hundred_signals_at_random_moments_leave_whole_files_and_the_same_bits
         assert sum(one.result() for one in chains) > INTERRUPTIONS // 2
 
 
+@pytest.mark.parametrize("program", ["selvedge-render", "selvedge-lookdev"])
+def test_two_signals_at_once_are_one_and_a_later_one_ends(tmp_path, program):
+    """timeout(1) sends two: to the program and to its group."""
+    scene = write_scene(tmp_path) / "scene.json"
+    line = [str(RENDER.with_name(program)), str(scene), "-o", str(tmp_path / "out.exr"), "-q", "--json", "--spp", "16777216", "--resolution", "512,512"]
+    line += ["--headless"] if program == "selvedge-lookdev" else ["--checkpoint", "3600"]
+    process = subprocess.Popen(line, stdout=subprocess.PIPE, text=True)
+    time.sleep(4)
+    for _ in range(2):
+        process.send_signal(signal.SIGTERM)
+        time.sleep(0.01)
+    said = process.communicate(timeout=60)[0]
+    assert process.returncode == 0 and json.loads(said)["stopped_by"] == "signal" and (tmp_path / "out.exr").exists()
+
+
 def test_an_interrupted_turntable_goes_on_where_it_was(tmp_path):
     options = ["--turntable", 5, "--spp", SAMPLES]
     whole = write_scene(tmp_path / "whole")

@@ -117,6 +117,19 @@ def test_rays_are_for_software_gl_with_few_pixels_for_a_triangle(tmp_path):
     assert "visibility-rays" in passes[0] and "visibility-gaps" in passes[1]
 
 
+def test_sheets_in_the_same_place_are_followed_to_their_end(tmp_path):
+    """Seen red with the distance to a layer worked out anew for the walk to the next: two triangles in one place then come behind each
+    other again and again. Software GL gives a loop up after 65535 turns, a card hangs."""
+    sheet = {"shape": "plane", "scale": 1, "rotate": [13, 27, 5], "fabric": str(SCENES.parent / "fabrics" / "organza.json"), "uv_scale": 3}
+    path = tmp_path / "two.json"
+    path.write_text(json.dumps(SPHERE | {"camera": {"position": [0.2, 1.1, 2.3], "target": [0, 0, 0], "fov": 30}, "objects": [sheet, sheet]}))
+    # In reference and rays, what lies in exactly the same place counts as one.
+    for name, arguments in {"one": ("--primary", "rays", "--frames", 960), "several": ("--footprint-samples", 4, "--frames", 960)}.items():
+        report = render(path, tmp_path / f"{name}.exr", "--resolution", "48,48", *arguments)
+    assert "LAYERS" in report["features"]
+    assert_same_mean(tmp_path / "one.exr", tmp_path / "several.exr")
+
+
 def test_more_footprint_samples_make_less_noise_and_the_same_mean(tmp_path):
     noise = []
     for count in (1, 4):

@@ -49,6 +49,8 @@ GlInfo load_gl(GlLoader loader)
             format_text("found GL %d.%d (%s), expected 4.1 or later", info.major, info.minor, info.renderer.c_str()));
     // The address alone does not say that the context has the feature.
     info.clip_control = info.major * 10 + info.minor >= 45 && gl.ClipControl != nullptr;
+    info.compute = info.major * 10 + info.minor >= 43 && gl.DispatchCompute != nullptr &&
+                   gl.BindImageTexture != nullptr && gl.MemoryBarrier != nullptr;
     return info;
 }
 

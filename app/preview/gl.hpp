@@ -31,6 +31,7 @@ struct GlInfo {
     int buffer_texture_limit = 0; // texels in a buffer texture
     bool software = false;        // the processor draws
     bool clip_control = false;    // depth range [0, 1]: full float precision of reversed depth
+    bool compute = false;         // compute shaders that write pictures
 };
 
 // Fills the table from the current context and asks the driver about itself.

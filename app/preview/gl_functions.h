@@ -70,5 +70,8 @@
     X(PFNGLVIEWPORTPROC, Viewport)
 
 #define SELVEDGE_GL_OPTIONAL(X)                                                                                        \
+    X(PFNGLBINDIMAGETEXTUREPROC, BindImageTexture)           /* GL 4.2 */                                              \
     X(PFNGLCLIPCONTROLPROC, ClipControl)                     /* GL 4.5 */                                              \
-    X(PFNGLGETGRAPHICSRESETSTATUSPROC, GetGraphicsResetStatus) /* GL 4.5 */
+    X(PFNGLDISPATCHCOMPUTEPROC, DispatchCompute)             /* GL 4.3 */                                              \
+    X(PFNGLGETGRAPHICSRESETSTATUSPROC, GetGraphicsResetStatus) /* GL 4.5 */                                            \
+    X(PFNGLMEMORYBARRIERPROC, MemoryBarrier)                 /* GL 4.2 */

@@ -8,16 +8,17 @@
 namespace selvedge
 {
 
-Passes::Passes(const GlInfo& info)
-    : clip_control(info.clip_control), frame_block(GlName::Kind::buffer), screen_array(GlName::Kind::vertex_array)
+Passes::Passes(const GlInfo& gl_info)
+    : info(gl_info), frame_block(GlName::Kind::buffer), screen_array(GlName::Kind::vertex_array)
 {
     gl.BindBuffer(GL_UNIFORM_BUFFER, *frame_block);
     gl.BufferData(GL_UNIFORM_BUFFER, sizeof(block::Frame), nullptr, GL_DYNAMIC_DRAW);
 }
 
-void Passes::choose(const Needs& needs, bool tiles, bool squares)
+void Passes::choose(const Needs& needs, bool tiles, bool squares, bool by_computing)
 {
     tiled = tiles;
+    computes = by_computing;
     camera_rays = needs.camera_rays;
     defines = needs.defines();
     model_defines = needs.model_defines();
@@ -60,6 +61,10 @@ void Passes::set_tiles(glm::ivec2 size, const std::vector<bool>& drawn)
                     vertices.push_back(corner);
             }
     }
+    if (computes) {
+        const std::vector<std::uint8_t> flags(drawn.begin(), drawn.end());
+        tile_flags.upload(GL_R8UI, 1, flags.data(), flags.size(), "tiles", info);
+    }
     tile_corners = static_cast<GLsizei>(vertices.size() - whole);
     gl.BindBuffer(GL_ARRAY_BUFFER, *corners);
     gl.BufferData(GL_ARRAY_BUFFER, static_cast<GLsizeiptr>(vertices.size() * sizeof vertices[0]), vertices.data(),
@@ -89,15 +94,16 @@ std::vector<std::string> Passes::gauze_defines() const
 
 bool Passes::prepare(const SceneBuffers& buffers)
 {
+    ProgramVariants& shade_programs = computes ? computed_shading : shading;
+    shade_programs.use(defines);
     if (camera_rays) {
-        ray_visibility.use(ray_defines(!buffers.gauze.empty()));
-        shading.use(defines);
-        return ray_visibility.compiled() && shading.compiled();
+        ProgramVariants& ray_programs = computes ? computed_rays : ray_visibility;
+        ray_programs.use(ray_defines(!buffers.gauze.empty()));
+        return ray_programs.compiled() && shade_programs.compiled();
     }
     if (!buffers.opaque.empty()) opaque_visibility.use({});
     if (!buffers.gauze.empty()) gauze_visibility.use(gauze_defines());
-    shading.use(defines);
-    return opaque_visibility.compiled() && gauze_visibility.compiled() && shading.compiled();
+    return opaque_visibility.compiled() && gauze_visibility.compiled() && shade_programs.compiled();
 }
 
 void Passes::set_frame(const block::Frame& frame)
@@ -111,6 +117,7 @@ void Passes::visibility(Targets& targets, const SceneBuffers& buffers)
 {
     gl.Disable(GL_SCISSOR_TEST);
     gl.Disable(GL_CULL_FACE);
+    if (camera_rays && computes) return dispatch(computed_rays.current(), targets);
     if (camera_rays) {
         targets.begin_camera_rays();
         gl.UseProgram(*ray_visibility.current());
@@ -118,7 +125,7 @@ void Passes::visibility(Targets& targets, const SceneBuffers& buffers)
         return;
     }
     // Only while our own geometry is drawn: the window's other users expect the usual range.
-    if (clip_control) gl.ClipControl(GL_LOWER_LEFT, GL_ZERO_TO_ONE);
+    if (info.clip_control) gl.ClipControl(GL_LOWER_LEFT, GL_ZERO_TO_ONE);
     if (tile_corners == 0) {
         targets.begin_visibility();
     } else {
@@ -143,12 +150,13 @@ void Passes::visibility(Targets& targets, const SceneBuffers& buffers)
             gl.DrawElements(GL_TRIANGLES, buffers.index_count(object), GL_UNSIGNED_INT, nullptr);
         }
     }
-    if (clip_control) gl.ClipControl(GL_LOWER_LEFT, GL_NEGATIVE_ONE_TO_ONE);
+    if (info.clip_control) gl.ClipControl(GL_LOWER_LEFT, GL_NEGATIVE_ONE_TO_ONE);
 }
 
 void Passes::shade(Targets& targets, const SceneBuffers& buffers)
 {
     buffers.bind_textures();
+    if (computes) return dispatch(computed_shading.current(), targets);
     targets.begin_shade();
     gl.UseProgram(*shading.current());
     draw_tiles();
@@ -256,10 +264,30 @@ void Passes::draw_tiles()
     gl.DrawArrays(GL_TRIANGLES, 3, tile_corners);
 }
 
+void Passes::dispatch(const ShaderProgram& program, Targets& targets)
+{
+    GLint group[3];
+    gl.GetProgramiv(*program, GL_COMPUTE_WORK_GROUP_SIZE, group);
+    gl.UseProgram(*program);
+    if (tiled) {
+        gl.Uniform1i(program.location("tile_side"), tile_side);
+        gl.ActiveTexture(GL_TEXTURE0 + static_cast<GLenum>(texture_unit("drawn_tiles")));
+        gl.BindTexture(GL_TEXTURE_BUFFER, tile_flags.texture());
+        gl.ActiveTexture(GL_TEXTURE0);
+    }
+    targets.begin_dispatch();
+    const glm::ivec2 size = targets.size();
+    gl.DispatchCompute(static_cast<GLuint>((size.x + group[0] - 1) / group[0]),
+                       static_cast<GLuint>((size.y + group[1] - 1) / group[1]), 1);
+    // What comes next reads textures, adds to images, clears and reads framebuffers.
+    gl.MemoryBarrier(GL_TEXTURE_FETCH_BARRIER_BIT | GL_SHADER_IMAGE_ACCESS_BARRIER_BIT | GL_FRAMEBUFFER_BARRIER_BIT);
+}
+
 std::vector<ProgramVariants*> Passes::all()
 {
-    return {&opaque_visibility, &gauze_visibility, &ray_visibility, &shading,    &merging, &presenting,
-            &remembering,       &carrying,         &judging,        &uncovering, &keeping};
+    return {&opaque_visibility, &gauze_visibility, &ray_visibility, &computed_rays, &shading,
+            &computed_shading,  &merging,          &presenting,     &remembering,   &carrying,
+            &judging,           &uncovering,       &keeping};
 }
 
 bool Passes::rebuild_if_changed()

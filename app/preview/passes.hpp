@@ -42,7 +42,8 @@ class Passes
     // From now on the programs have what the scene needs; they are compiled when they are first drawn with.
     //   tiles    they end by themselves: reference/adaptive.hpp
     //   squares  the spread of frames is asked for
-    void choose(const Needs& needs, bool tiles, bool squares);
+    //   computes  pixels are dealt out to compute shaders, where the rasteriser finds nothing
+    void choose(const Needs& needs, bool tiles, bool squares, bool computes);
     // Compiles what a frame is drawn with, where that has not been done.
     //   return  false: something that was chosen does not compile, though what was chosen before did; complaint() says
     //   why,
@@ -78,6 +79,7 @@ class Passes
   private:
     void draw_screen(); // all of the viewport
     void draw_tiles();  // those of set_tiles(), all of it where nobody has set any
+    void dispatch(const ShaderProgram& program, Targets& targets); // likewise, for a compute shader
     std::vector<std::string> screen_defines() const;
     static void set_weights(const ShaderProgram& program, const ShownWeights& weights);
     std::vector<std::string> view_defines() const;
@@ -85,22 +87,25 @@ class Passes
     std::vector<std::string> ray_defines(bool gauze) const;
     std::vector<ProgramVariants*> all();
 
-    bool clip_control;
+    const GlInfo info;
     std::vector<std::string> defines;       // of shading
     std::vector<std::string> model_defines; // the model's alone
-    ProgramVariants opaque_visibility{"visibility.vert", "visibility.frag"};
-    ProgramVariants gauze_visibility{"visibility.vert", "visibility.frag"};
-    ProgramVariants ray_visibility{"screen.vert", "visibility_rays.frag"};
-    ProgramVariants shading{"screen.vert", "shade.frag"}, merging{"screen.vert", "merge.frag"};
-    ProgramVariants presenting{"screen.vert", "present.frag"};
-    ProgramVariants remembering{"screen.vert", "remember.frag"}, carrying{"screen.vert", "carry.frag"};
-    ProgramVariants uncovering{"screen.vert", "uncover.frag"}, judging{"screen.vert", "judge.frag"};
-    ProgramVariants keeping{"screen.vert", "keep.frag"};
+    ProgramVariants opaque_visibility{{"visibility.vert", "visibility.frag"}};
+    ProgramVariants gauze_visibility{{"visibility.vert", "visibility.frag"}};
+    ProgramVariants ray_visibility{{"screen.vert", "visibility_rays.frag"}};
+    ProgramVariants computed_rays{{"visibility_rays.comp"}}, computed_shading{{"shade.comp"}};
+    ProgramVariants shading{{"screen.vert", "shade.frag"}}, merging{{"screen.vert", "merge.frag"}};
+    ProgramVariants presenting{{"screen.vert", "present.frag"}};
+    ProgramVariants remembering{{"screen.vert", "remember.frag"}}, carrying{{"screen.vert", "carry.frag"}};
+    ProgramVariants uncovering{{"screen.vert", "uncover.frag"}}, judging{{"screen.vert", "judge.frag"}};
+    ProgramVariants keeping{{"screen.vert", "keep.frag"}};
     GlName frame_block, screen_array;
     bool camera_rays = false; // in place of the rasteriser
+    bool computes = false;    // what needs no rasteriser is done by compute shaders
     bool tiled = false;       // tiles end by themselves:
     GlName corners;           //   vertices of the whole screen, then of the tiles that are drawn
     GLsizei tile_corners = 0; //   how many the tiles have; 0: all tiles are drawn
+    BufferTexture tile_flags; //   which are drawn, for compute shaders
 };
 
 } // namespace selvedge

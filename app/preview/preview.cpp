@@ -3,8 +3,10 @@
 
 #include <algorithm>
 #include <cmath>
+#include <stdexcept>
 
 #include "app/preview/result.hpp"
+#include "bake/error.hpp"
 #include "reference/denoise.hpp"
 
 namespace selvedge
@@ -35,7 +37,7 @@ void Preview::find_needs()
 {
     needs = Needs::of(scene, shape, camera, options.footprint_samples, options.max_depth, options.kept);
     needs.camera_rays = finds_by_rays();
-    passes.choose(needs, options.target_error > 0, options.knows_spread);
+    passes.choose(needs, options.target_error > 0, options.knows_spread, computes());
 }
 
 // Software GL prepares triangles by one core and looks gauze up that something nearer hides. Both cost the same at 2 to
@@ -49,6 +51,14 @@ bool Preview::finds_by_rays() const
     std::size_t triangles = 0;
     for (const SceneObject& object : scene.objects) triangles += object.mesh.triangles.size();
     return static_cast<std::size_t>(size.x) * static_cast<std::size_t>(size.y) < 4 * triangles;
+}
+
+bool Preview::computes() const
+{
+    if (options.shading == Shading::compute && !info.compute)
+        throw std::runtime_error(
+            format_text("compute shaders need GL 4.3; found %s (%s)", info.version.c_str(), info.renderer.c_str()));
+    return options.shading == Shading::automatic ? info.compute && !info.software : options.shading == Shading::compute;
 }
 
 void Preview::set_camera(const CameraSpec& wanted)
@@ -420,11 +430,13 @@ std::vector<std::string> Preview::features() const
 std::vector<std::string> Preview::pass_names() const
 {
     std::vector<std::string> names;
-    if (needs.camera_rays) names.emplace_back("visibility-rays");
+    const std::string computed = computes() ? "-compute" : "";
+    if (needs.camera_rays) names.emplace_back("visibility-rays" + computed);
     if (!needs.camera_rays && !buffers.opaque.empty()) names.emplace_back("visibility");
     if (!needs.camera_rays && !buffers.gauze.empty()) names.emplace_back("visibility-gaps");
     if (has_past) names.emplace_back("carry");
-    for (const char* name : {"shade", "merge"}) names.emplace_back(name);
+    names.emplace_back("shade" + computed);
+    names.emplace_back("merge");
     if (options.target_error > 0)
         for (const char* name : {"judge", "keep"}) names.emplace_back(name);
     return names;

@@ -23,6 +23,10 @@ namespace selvedge
 // triangle, if there is a BVH anyway.
 enum class Finding { automatic, raster, rays };
 
+// What shades pixels. Automatic: compute shaders where a card has them, since cards for computing (H100) draw fragments
+// with a few of their processors; software GL works on either in the same way.
+enum class Shading { automatic, fragment, compute };
+
 struct PreviewOptions {
     std::uint32_t seed = 0;
     int footprint_samples = 1;  // samples of each pixel in a frame, of one ray, [1, 64]
@@ -32,6 +36,7 @@ struct PreviewOptions {
     std::uint32_t planned = 0;  // frames that will be drawn, 0 when nobody knows: decides the length of a block
     glm::ivec2 planned_size{0}; // resolution that matters for what is automatic, 0: the present one
     Finding finding = Finding::automatic;
+    Shading shading = Shading::automatic;
     bool knows_spread = false; // of frames: noise is known after a few, and present() can take it out
     double target_error = 0;   // above 0: tiles end by themselves, and are drawn no more (reference/adaptive.hpp)
 };
@@ -110,6 +115,7 @@ class Preview
     // What the scene needs now; uploads and compiles nothing but what rays walk, where that has changed.
     void find_needs();
     bool finds_by_rays() const;
+    bool computes() const; // throws std::runtime_error: asked for, and the driver cannot
     void remember();
     void begin_again(); // with the next frame accumulates from nothing; until then the last picture is shown
     ShownWeights shown_weights() const;

@@ -50,15 +50,14 @@ ProgramCounts& program_counts()
     return counts;
 }
 
-std::string program_key(const std::string& vertex_text, const std::string& fragment_text)
+std::string program_key(const std::vector<std::string>& stage_texts)
 {
     ContentHash hash;
     for (const GLenum what : {GL_VENDOR, GL_RENDERER, GL_VERSION, GL_SHADING_LANGUAGE_VERSION}) {
         const GLubyte* text = gl.GetString(what);
         hash.text(text != nullptr ? reinterpret_cast<const char*>(text) : "");
     }
-    hash.text(vertex_text);
-    hash.text(fragment_text);
+    for (const std::string& text : stage_texts) hash.text(text);
     return hash.hex();
 }
 

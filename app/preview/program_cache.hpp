@@ -2,6 +2,7 @@
 #pragma once
 
 #include <string>
+#include <vector>
 
 #include "gl.hpp"
 
@@ -15,7 +16,7 @@ struct ProgramCounts {
 ProgramCounts& program_counts();
 
 // Name of a program in the cache: hash of its sources and of everything that the driver says of itself.
-std::string program_key(const std::string& vertex_text, const std::string& fragment_text);
+std::string program_key(const std::vector<std::string>& stage_texts);
 
 // Loads a program into `program`. False where the cache has none, it is damaged, or the driver refuses it: it is
 // compiled then. Leaves no GL error behind.

@@ -117,8 +117,23 @@ static GlName compile(GLenum stage, const std::string& text, const std::vector<s
     throw std::runtime_error(readable_log(log_of(*name, gl.GetShaderiv, gl.GetShaderInfoLog), files));
 }
 
-ShaderProgram::ShaderProgram(std::string vertex_file, std::string fragment_file, std::vector<std::string> with)
-    : vertex(std::move(vertex_file)), fragment(std::move(fragment_file)), defines(std::move(with))
+struct Stage {
+    const char* ending;
+    GLenum kind;
+    const char* version;
+};
+static const Stage& stage_of(const std::string& file)
+{
+    static const Stage stages[] = {{".vert", GL_VERTEX_SHADER, "#version 410 core\n"},
+                                   {".frag", GL_FRAGMENT_SHADER, "#version 410 core\n"},
+                                   {".comp", GL_COMPUTE_SHADER, "#version 430 core\n"}};
+    for (const Stage& stage : stages)
+        if (file.ends_with(stage.ending)) return stage;
+    throw std::logic_error(file + ": no shader has that ending");
+}
+
+ShaderProgram::ShaderProgram(std::vector<std::string> stage_files, std::vector<std::string> with)
+    : files(std::move(stage_files)), defines(std::move(with))
 {
     build();
 }
@@ -126,31 +141,33 @@ ShaderProgram::ShaderProgram(std::string vertex_file, std::string fragment_file,
 void ShaderProgram::build()
 {
     const fs::path folder = glsl_folder();
-    const ShaderText texts[] = {load_shader(folder, vertex), load_shader(folder, fragment)};
+    std::vector<ShaderText> texts;
+    for (const std::string& file : files) texts.push_back(load_shader(folder, file));
     // Remembered before compiling: a broken file is compiled once, not at every look.
     stamps.clear();
     for (const ShaderText& text : texts) stamps.insert(stamps.end(), text.stamps.begin(), text.stamps.end());
 
-    std::string header = "#version 410 core\n";
+    std::string header;
     for (const std::string& define : defines)
         header += "#define " + define + (define.find(' ') == std::string::npos ? " 1\n" : "\n");
-    const std::string vertex_text = header + texts[0].text, fragment_text = header + texts[1].text;
+    std::vector<std::string> whole;
+    for (std::size_t k = 0; k < files.size(); ++k) whole.push_back(stage_of(files[k]).version + header + texts[k].text);
     GlName made(GlName::Kind::program, gl.CreateProgram());
-    const std::string key = program_key(vertex_text, fragment_text);
+    const std::string key = program_key(whole);
     if (read_program(key, *made)) {
         ++program_counts().cached;
     } else {
-        const GlName vertex_shader = compile(GL_VERTEX_SHADER, vertex_text, texts[0].files);
-        const GlName fragment_shader = compile(GL_FRAGMENT_SHADER, fragment_text, texts[1].files);
+        std::vector<GlName> shaders;
+        for (std::size_t k = 0; k < files.size(); ++k)
+            shaders.push_back(compile(stage_of(files[k]).kind, whole[k], texts[k].files));
         made = GlName(GlName::Kind::program, gl.CreateProgram());
         gl.ProgramParameteri(*made, GL_PROGRAM_BINARY_RETRIEVABLE_HINT, GL_TRUE);
-        gl.AttachShader(*made, *vertex_shader);
-        gl.AttachShader(*made, *fragment_shader);
+        for (const GlName& shader : shaders) gl.AttachShader(*made, *shader);
         gl.LinkProgram(*made);
         GLint good = GL_FALSE;
         gl.GetProgramiv(*made, GL_LINK_STATUS, &good);
         if (good != GL_TRUE)
-            throw std::runtime_error(vertex + " + " + fragment + ": " +
+            throw std::runtime_error(files.back() + ": " +
                                      readable_log(log_of(*made, gl.GetProgramiv, gl.GetProgramInfoLog), {}));
         ++program_counts().compiled;
         write_program(key, *made);
@@ -191,7 +208,7 @@ bool ProgramVariants::make_wanted()
     try {
         auto found = programs.find(wanted);
         if (found == programs.end())
-            found = programs.emplace(wanted, ShaderProgram(vertex, fragment, wanted)).first;
+            found = programs.emplace(wanted, ShaderProgram(files, wanted)).first;
         else
             found->second.rebuild_if_changed(); // its files may have been saved while it was not in use
         in_use = &found->second;

@@ -41,7 +41,8 @@ ShaderText load_shader(const std::filesystem::path& folder, const std::string& n
 // A driver's log with file names: "2:31(8): error" and "2(31) : error" become "cloth_bsdf.h:31: error".
 std::string readable_log(const std::string& log, const std::vector<std::string>& files);
 
-// Vertex and fragment shader of the GL 4.1 dialect. Uniform blocks and samplers get the bindings of scene_bindings().
+// Vertex and fragment shader of the GL 4.1 dialect, or a compute shader of that of 4.3; a file's ending says which it
+// is: .vert, .frag, .comp. Uniform blocks and samplers get the units of texture_units.
 class ShaderProgram
 {
   public:
@@ -49,7 +50,7 @@ class ShaderProgram
     // Compiles at once.
     //   defines  "GAPS" becomes #define GAPS 1
     //   throws   InputError with file:line of the shader
-    ShaderProgram(std::string vertex, std::string fragment, std::vector<std::string> defines = {});
+    ShaderProgram(std::vector<std::string> files, std::vector<std::string> defines = {});
 
     GLuint operator*() const { return *program; }
     GLint location(const char* uniform) const { return gl.GetUniformLocation(*program, uniform); }
@@ -63,22 +64,18 @@ class ShaderProgram
   private:
     void build();
 
-    std::string vertex, fragment;
-    std::vector<std::string> defines;
+    std::vector<std::string> files, defines;
     GlName program;
     std::vector<FileStamp> stamps; // of all files that the last attempt has read
     std::string error_text;
 };
 
-// The programs of one pair of files: one for each list of definitions that was asked for, compiled when first used,
+// The programs of the same files: one for each list of definitions that was asked for, compiled when first used,
 // kept for the next time.
 class ProgramVariants
 {
   public:
-    ProgramVariants(std::string vertex_file, std::string fragment_file)
-        : vertex(std::move(vertex_file)), fragment(std::move(fragment_file))
-    {
-    }
+    explicit ProgramVariants(std::vector<std::string> stage_files) : files(std::move(stage_files)) {}
 
     // From now on the program with these definitions is used. Where it does not compile, the one before stays in use,
     // and complaint() says why.
@@ -95,7 +92,7 @@ class ProgramVariants
     }
 
   private:
-    std::string vertex, fragment;
+    std::vector<std::string> files;
     std::map<std::vector<std::string>, ShaderProgram> programs;
     ShaderProgram* in_use = nullptr;
     std::vector<std::string> wanted;
@@ -140,6 +137,7 @@ inline constexpr Binding texture_units[] = {
     {"kept_noise_map", 19},
     {"seen_map", 20},
     {"denoised_map", 21},
+    {"drawn_tiles", 22},
 };
 GLint texture_unit(const char* name);
 

@@ -162,6 +162,15 @@ void Targets::begin_shade()
     begin_adding(*sum_buffer, extent);
 }
 
+void Targets::begin_dispatch()
+{
+    const std::pair<GLuint, GLenum> images[] = {
+        {*sum, GL_RGBA32F}, {*seen, GL_RG32UI}, {*squares, GL_RGBA32F}, {*ids, GL_RGBA32UI}};
+    GLuint unit = 0;
+    for (const auto& [texture, format] : images)
+        gl.BindImageTexture(unit++, texture, 0, GL_FALSE, 0, GL_READ_WRITE, format);
+}
+
 void Targets::begin_merge()
 {
     begin_writing(*blocks[spare].buffer, extent);

@@ -38,6 +38,7 @@ class Targets
     void begin_uncover();     // likewise, not cleared but covered: nothing is drawn where depth is not set back
     void end_uncover();       // from now on what is nearer is drawn
     void begin_shade();       // binds the sum, to which what is drawn is added, and what stopped the rays
+    void begin_dispatch();    // binds identities, sum, what stopped the rays and squares for compute shaders
     void begin_merge();       // binds a mean, spread and rest that no half has
     void end_merge(int half); // gives them to the half
     void begin_keep();        // binds what finished tiles keep; what is drawn is added

@@ -26,9 +26,9 @@ BARE = {"camera": {"position": [0, 1, 0.01], "target": [0, 0, 0], "fov": 40}, "f
 # Where each part is left out; matte and fabric alone.
 SKIPS = {"plane_plain": ("lights", "matte", "model", "shadows"), "cylinder_satin": ("lights", "matte", "model", "shadows"),
          "sphere_matte": ("fabric", "gaps", "lights", "shadows"), "demo": ("lights", "model")}
-LONG = {"frames": 24, "rounds": 5, "turns": 200, "resolutions": {"512": (512, 512), "1080p": (1920, 1080), "4K": (3840, 2160)}, "pixels": 2.0e8,
-        "equal_frames": 4096, "equal_size": 64}
-SHORT = {"frames": 6, "rounds": 3, "turns": 40, "resolutions": {"512": (512, 512)}, "pixels": 1.5e6, "equal_frames": 4096, "equal_size": 48}
+LONG = {"frames": 24, "rounds": 5, "turns": 200, "side": 256, "bare_side": 512, "resolutions": {"512": (512, 512), "1080p": (1920, 1080), "4K": (3840, 2160)},
+        "pixels": 2.0e8, "equal_frames": 4096, "equal_size": 64}
+SHORT = LONG | {"frames": 6, "rounds": 3, "turns": 40, "resolutions": {"512": (512, 512)}, "pixels": 1.5e6, "equal_size": 48}
 
 
 class Bench:
@@ -46,9 +46,9 @@ class Bench:
         self.gl = ", ".join(report["gl"][key] for key in ("renderer", "version", "backend"))
         return report["milliseconds_per_frame"]["median"]
 
-    def ratio(self, scene, dear, cheap, better="lower", target=None, side=256):
+    def ratio(self, scene, dear, cheap, better="lower", target=None, side=None):
         """Figure of time of a frame with the settings `dear` over that with `cheap`."""
-        report = bench_report.run_program("selvedge-turns", scene, "--renderer", "preview", "--side", side, "--rounds", self.options.turns,
+        report = bench_report.run_program("selvedge-turns", scene, "--renderer", "preview", "--side", side or self.options.side, "--rounds", self.options.turns,
                                           "--model", f"cheap:{cheap}", "--model", f"dear:{dear}")
         row = report["models"][1]
         return figure(row["over_first"], "x", better, target=target, runs=self.options.turns, note=f"{row['low']:.3f} to {row['high']:.3f} (95 %)")
@@ -86,7 +86,7 @@ class Bench:
         same = bench_report.run_program("selvedge-compare", self.folder / "ours.exr", self.folder / "out.exr", "--fail", "max_abs=inf")
         if same["relmse"] > 1e-10:
             sys.exit(f"preview: the stripped shader draws another picture: relMSE {same['relmse']}")
-        return {"off_over_stripped": self.ratio(scene, "", f"glsl={glsl}", target=1.02, side=512)}
+        return {"off_over_stripped": self.ratio(scene, "", f"glsl={glsl}", target=1.02, side=self.options.bare_side)}
 
     def first_picture(self):
         """Seconds from the start of the program to its first picture on disk, with and without what the caches hold."""

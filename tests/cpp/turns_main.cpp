@@ -4,7 +4,7 @@
 //   selvedge-turns SCENE --renderer reference|preview --model NAME:KEY=VALUE,...   the first model is what the others
 //                                                                                  are held to
 // A key is one of a scene's model object, or of the preview: keep (a part that is not left out, or all), glsl (folder
-// of its shaders).
+// of its shaders), shade (fragment or compute).
 // JSON on stdout. Exit 0 done, 1 input failed, 2 wrong usage.
 #include <algorithm>
 #include <chrono>
@@ -115,6 +115,8 @@ Model parse_model(const std::string& text)
                 model.preview.kept.insert(value);
         } else if (setting.starts_with("glsl=")) {
             model.glsl = value;
+        } else if (setting.starts_with("shade=")) {
+            model.preview.shading = value == "compute" ? Shading::compute : Shading::fragment;
         } else {
             model.overrides.push_back(std::string("model.") + setting);
         }
@@ -178,7 +180,10 @@ nlohmann::json measure(const Options& options)
                              {"resolution", {options.side, options.side}},
                              {"rounds", options.rounds},
                              {"models", rows}};
-    if (preview) report["gl"] = context->info.renderer + ", " + context->info.version + ", " + context->backend;
+    if (preview) {
+        report["gl"] = context->info.renderer + ", " + context->info.version + ", " + context->backend;
+        report["software"] = context->info.software;
+    }
     return report;
 }
 
