@@ -264,10 +264,10 @@ CLOTH_FN ClothDirect cloth_direct_by(CLOTH_IN(ClothLights) lights, CLOTH_IN(Clot
     if (wi.z * dot(seen.wi, surface.normal_g) <= real(0)) return none;
     ClothValue shaded = cloth_shading_lit(maps, shading, wi, surface.wo, settings);
     real3 value       = shaded.value * seen.radiance;
-    if (max(value.x, max(value.y, value.z)) <= real(0)) return none;
+    if (!(value.x + value.y + value.z > real(0))) return none;
     real pdf = seen.pdf;
     if (share > real(0)) pdf = share * (seen.pdf + (use_bsdf ? s.pdf : cloth_shading_pdf(shading, wi, surface.wo, settings)));
-    return ClothDirect(true, seen.wi, seen.distance, value / (pdf * choice.light.pmf), shaded.lit);
+    return ClothDirect(true, seen.wi, seen.distance, value * (real(1) / (pdf * choice.light.pmf)), shaded.lit);
 }
 
 // One sample of a light: at most one shadow ray. Where the light has two strategies both are tried, and one of the two is kept,

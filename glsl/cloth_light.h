@@ -185,7 +185,7 @@ CLOTH_FN ClothLightSample cloth_light_sample(CLOTH_IN(ClothLights) lights, CLOTH
     real dist2 = dot(to, to);
     if (!(dist2 > real(1e-20))) return cloth_no_light();   // at zero distance there is no direction
     real distance = sqrt(dist2);
-    real3 wi      = to / distance;
+    real3 wi      = to * (real(1) / distance);
     real cosine   = -dot(wi, facing);
     if (area > real(0)) {
         if (cosine <= real(1e-6)) return cloth_no_light();   // as cloth_light_hit

@@ -112,7 +112,7 @@ CLOTH_FN ClothFacet cloth_facet(CLOTH_IN(ClothTriangle) triangle)
     f.e1       = triangle.p1 - triangle.p0;
     f.e2       = triangle.p2 - triangle.p0;
     real3 n    = cross(f.e1, f.e2);
-    f.normal   = cloth_unit_vector(n * (real(1) / max(max(abs(n.x), abs(n.y)), max(abs(n.z), real(1e-30)))), real3(real(0), real(0), real(1)));
+    f.normal   = cloth_unit_vector(n * (real(1) / (abs(n.x) + abs(n.y) + abs(n.z) + real(1e-30))), real3(real(0), real(0), real(1)));
     real n2    = dot(n, n);
     real per_n2 = real(1) / max(n2, real(1e-38));
     f.area     = n2 > real(0);
