@@ -140,6 +140,8 @@ class Window
                                preview->frames() >= static_cast<std::uint32_t>(view.sample_limit);
             if (sizeless || (rests && awake == 0))
                 glfwWaitEventsTimeout(1.0); // only to look for saved shaders
+            else if (preview->compiling())
+                glfwWaitEventsTimeout(0.05);
             else
                 glfwPollEvents();
             reload_shaders();
@@ -148,15 +150,17 @@ class Window
             const Clock::time_point start = Clock::now();
             dirty = false;
             adapt_size();
+            bool drew = false;
             if (!rests) {
-                blocked = !preview->draw_frame();
-                drawn += blocked ? 0 : 1;
+                drew = preview->draw_frame();
+                blocked = !drew && !preview->compiling();
+                drawn += drew ? 1 : 0;
             }
             if (awake > 0) --awake;
             show();
             gl.Finish();
             if (context_lost()) return false;
-            if (!rests) {
+            if (drew) {
                 const double ms = 1e3 * seconds_between(start, Clock::now());
                 status.milliseconds = status.milliseconds > 0 ? status.milliseconds * 0.9 + ms * 0.1 : ms;
             }
@@ -216,6 +220,7 @@ class Window
         wanted.finding = options.finding;
         wanted.shading = options.shading;
         wanted.knows_spread = true;
+        wanted.waits = false;
         wanted.target_error = options.target_error > 0 ? options.target_error : display_error;
         // Where less than a display can show is asked for, soon; else the longest blocks, whose samples lie best.
         wanted.planned = options.target_error > 0 ? adaptive_planned(0) : 0;
@@ -372,6 +377,7 @@ class Window
             ImGui::End();
         }
         draw_help_panel(help_open);
+        if (preview->compiling()) draw_notice("compiling shaders ...");
         ImGui::Render();
         gl.BindFramebuffer(GL_FRAMEBUFFER, 0);
         ImGui_ImplOpenGL3_RenderDrawData(ImGui::GetDrawData());

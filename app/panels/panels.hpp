@@ -51,6 +51,8 @@ struct ViewStatus {
 };
 void draw_view_panel(ViewPanel& panel, const ViewStatus& status, float& exposure, Edits& edits);
 
+// A line in the middle of the window.
+void draw_notice(const char* text);
 void draw_help_panel(bool& open);
 
 } // namespace selvedge

@@ -40,6 +40,15 @@ void draw_view_panel(ViewPanel& panel, const ViewStatus& status, float& exposure
     ImGui::Checkbox("paused", &panel.paused);
 }
 
+void draw_notice(const char* text)
+{
+    ImGui::SetNextWindowPos(ImGui::GetMainViewport()->GetCenter(), ImGuiCond_Always, ImVec2(0.5f, 0.5f));
+    if (ImGui::Begin("notice", nullptr,
+                     ImGuiWindowFlags_AlwaysAutoResize | ImGuiWindowFlags_NoDecoration | ImGuiWindowFlags_NoInputs))
+        ImGui::TextUnformatted(text);
+    ImGui::End();
+}
+
 void draw_help_panel(bool& open)
 {
     if (!open) return;

@@ -3,6 +3,7 @@
 
 #include <algorithm>
 #include <cstdio>
+#include <cstring>
 #include <stdexcept>
 
 #include "bake/error.hpp"
@@ -51,6 +52,13 @@ GlInfo load_gl(GlLoader loader)
     info.clip_control = info.major * 10 + info.minor >= 45 && gl.ClipControl != nullptr;
     info.compute = info.major * 10 + info.minor >= 43 && gl.DispatchCompute != nullptr &&
                    gl.BindImageTexture != nullptr && gl.MemoryBarrier != nullptr;
+    GLint extensions = 0;
+    gl.GetIntegerv(GL_NUM_EXTENSIONS, &extensions);
+    for (GLint k = 0; k < extensions; ++k) {
+        const GLubyte* name = gl.GetStringi(GL_EXTENSIONS, static_cast<GLuint>(k));
+        info.compiles_aside |=
+            name != nullptr && std::strcmp(reinterpret_cast<const char*>(name), "GL_KHR_parallel_shader_compile") == 0;
+    }
     return info;
 }
 

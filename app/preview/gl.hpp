@@ -32,6 +32,7 @@ struct GlInfo {
     bool software = false;        // the processor draws
     bool clip_control = false;    // depth range [0, 1]: full float precision of reversed depth
     bool compute = false;         // compute shaders that write pictures
+    bool compiles_aside = false;  // the driver can be asked whether it has done with a program
 };
 
 // Fills the table from the current context and asks the driver about itself.

@@ -92,18 +92,27 @@ std::vector<std::string> Passes::gauze_defines() const
     return list;
 }
 
-bool Passes::prepare(const SceneBuffers& buffers)
+bool Passes::prepare(const SceneBuffers& buffers, bool waits)
 {
-    ProgramVariants& shade_programs = computes ? computed_shading : shading;
-    shade_programs.use(defines);
-    if (camera_rays) {
-        ProgramVariants& ray_programs = computes ? computed_rays : ray_visibility;
-        ray_programs.use(ray_defines(!buffers.gauze.empty()));
-        return ray_programs.compiled() && shade_programs.compiled();
+    std::vector<std::pair<ProgramVariants*, std::vector<std::string>>> needed;
+    needed.emplace_back(computes ? &computed_shading : &shading, defines);
+    if (camera_rays)
+        needed.emplace_back(computes ? &computed_rays : &ray_visibility, ray_defines(!buffers.gauze.empty()));
+    if (!camera_rays && !buffers.opaque.empty()) needed.emplace_back(&opaque_visibility, std::vector<std::string>());
+    if (!camera_rays && !buffers.gauze.empty()) needed.emplace_back(&gauze_visibility, gauze_defines());
+    for (const auto& [programs, with] : needed) programs->use_soon(with, info); // all at once, where the driver can
+    bool compiled = true;
+    for (const auto& [programs, with] : needed) {
+        if (waits) programs->use(with);
+        compiled &= programs->compiled();
     }
-    if (!buffers.opaque.empty()) opaque_visibility.use({});
-    if (!buffers.gauze.empty()) gauze_visibility.use(gauze_defines());
-    return opaque_visibility.compiled() && gauze_visibility.compiled() && shade_programs.compiled();
+    return compiled;
+}
+
+bool Passes::compiling()
+{
+    const std::vector<ProgramVariants*> programs = all();
+    return std::any_of(programs.begin(), programs.end(), [](const ProgramVariants* one) { return one->compiling(); });
 }
 
 void Passes::set_frame(const block::Frame& frame)

@@ -45,11 +45,12 @@ class Passes
     //   computes  pixels are dealt out to compute shaders, where the rasteriser finds nothing
     void choose(const Needs& needs, bool tiles, bool squares, bool computes);
     // Compiles what a frame is drawn with, where that has not been done.
-    //   return  false: something that was chosen does not compile, though what was chosen before did; complaint() says
-    //   why,
-    //           and nothing may be drawn
-    //   throws  InputError where nothing ever compiled
-    bool prepare(const SceneBuffers& buffers);
+    //   waits   for drivers that compile aside
+    //   return  false: nothing may be drawn, because they have not done (compiling()), or because something that was
+    //           chosen does not compile, though what was chosen before did (complaint() says why)
+    //   throws  InputError, std::runtime_error where nothing ever compiled
+    bool prepare(const SceneBuffers& buffers, bool waits);
+    bool compiling();
     void set_frame(const block::Frame& frame);
     // From now on only these tiles of a picture of that size are drawn (row by row, reference/adaptive.hpp); one at
     // least; only where tiles end by themselves.

@@ -248,7 +248,7 @@ void Preview::update_near_plane()
 
 bool Preview::draw_frame()
 {
-    if (!passes.prepare(buffers)) return false;
+    if (!passes.prepare(buffers, options.waits)) return false;
     if (finished()) return true;
     if (stale) {
         targets.clear_accumulation();

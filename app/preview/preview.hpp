@@ -38,6 +38,7 @@ struct PreviewOptions {
     Finding finding = Finding::automatic;
     Shading shading = Shading::automatic;
     bool knows_spread = false; // of frames: noise is known after a few, and present() can take it out
+    bool waits = true;         // for drivers that compile aside: else draw_frame() draws nothing until they have done
     double target_error = 0;   // above 0: tiles end by themselves, and are drawn no more (reference/adaptive.hpp)
 };
 
@@ -80,11 +81,12 @@ class Preview
     void plan(std::uint32_t planned);
 
     // Adds one sample to every pixel, but for tiles that have reached the target error. Where a shader does not
-    // compile, though one did before (reload_shaders() tells), nothing is drawn, and the last good picture stays on
-    // show.
+    // compile, though one did before (reload_shaders() tells), or has not been compiled yet (compiling()), nothing is
+    // drawn, and the last good picture stays on show.
     //   return  whether it was drawn
     //   throws  InputError: a shader that never compiled
     bool draw_frame();
+    bool compiling() { return passes.compiling(); }
     std::uint32_t frames() const { return stale ? 0 : frame_count; }
     std::uint32_t block_length() const { return length; }
     bool finished() const { return !stale && !tiles.empty() && all_done(tiles); } // every tile has the target error

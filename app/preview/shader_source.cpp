@@ -8,6 +8,7 @@
 #include <regex>
 #include <sstream>
 #include <stdexcept>
+#include <utility>
 
 #include "app/preview/program_cache.hpp"
 #include "bake/error.hpp"
@@ -105,18 +106,6 @@ static std::string log_of(GLuint name, decltype(gl.GetShaderiv) get, decltype(gl
     return log;
 }
 
-static GlName compile(GLenum stage, const std::string& text, const std::vector<std::string>& files)
-{
-    GlName name(GlName::Kind::shader, gl.CreateShader(stage));
-    const char* part = text.c_str();
-    gl.ShaderSource(*name, 1, &part, nullptr);
-    gl.CompileShader(*name);
-    GLint good = GL_FALSE;
-    gl.GetShaderiv(*name, GL_COMPILE_STATUS, &good);
-    if (good == GL_TRUE) return name;
-    throw std::runtime_error(readable_log(log_of(*name, gl.GetShaderiv, gl.GetShaderInfoLog), files));
-}
-
 struct Stage {
     const char* ending;
     GLenum kind;
@@ -135,10 +124,10 @@ static const Stage& stage_of(const std::string& file)
 ShaderProgram::ShaderProgram(std::vector<std::string> stage_files, std::vector<std::string> with)
     : files(std::move(stage_files)), defines(std::move(with))
 {
-    build();
+    start();
 }
 
-void ShaderProgram::build()
+void ShaderProgram::start()
 {
     const fs::path folder = glsl_folder();
     std::vector<ShaderText> texts;
@@ -152,32 +141,64 @@ void ShaderProgram::build()
         header += "#define " + define + (define.find(' ') == std::string::npos ? " 1\n" : "\n");
     std::vector<std::string> whole;
     for (std::size_t k = 0; k < files.size(); ++k) whole.push_back(stage_of(files[k]).version + header + texts[k].text);
-    GlName made(GlName::Kind::program, gl.CreateProgram());
-    const std::string key = program_key(whole);
-    if (read_program(key, *made)) {
+    Unfinished made{GlName(GlName::Kind::program, gl.CreateProgram()), {}, {}, program_key(whole)};
+    if (read_program(made.key, *made.program)) {
         ++program_counts().cached;
     } else {
-        std::vector<GlName> shaders;
-        for (std::size_t k = 0; k < files.size(); ++k)
-            shaders.push_back(compile(stage_of(files[k]).kind, whole[k], texts[k].files));
-        made = GlName(GlName::Kind::program, gl.CreateProgram());
-        gl.ProgramParameteri(*made, GL_PROGRAM_BINARY_RETRIEVABLE_HINT, GL_TRUE);
-        for (const GlName& shader : shaders) gl.AttachShader(*made, *shader);
-        gl.LinkProgram(*made);
+        made.program = GlName(GlName::Kind::program, gl.CreateProgram());
+        gl.ProgramParameteri(*made.program, GL_PROGRAM_BINARY_RETRIEVABLE_HINT, GL_TRUE);
+        for (std::size_t k = 0; k < files.size(); ++k) {
+            made.shaders.emplace_back(GlName::Kind::shader, gl.CreateShader(stage_of(files[k]).kind));
+            made.included.push_back(std::move(texts[k].files));
+            const GLuint shader = *made.shaders.back();
+            const char* part = whole[k].c_str();
+            gl.ShaderSource(shader, 1, &part, nullptr);
+            gl.CompileShader(shader);
+            gl.AttachShader(*made.program, shader);
+        }
+        // Nothing is asked before the end: drivers that compile aside would have to be waited for.
+        gl.LinkProgram(*made.program);
+    }
+    unfinished = std::move(made);
+}
+
+bool ShaderProgram::is_ready(const GlInfo& info) const
+{
+    if (!unfinished || unfinished->shaders.empty() || !info.compiles_aside) return true;
+    constexpr GLenum completion_status = 0x91B1; // GL_COMPLETION_STATUS_KHR
+    GLint ready = GL_FALSE;
+    gl.GetProgramiv(*unfinished->program, completion_status, &ready);
+    return ready == GL_TRUE;
+}
+
+void ShaderProgram::finish()
+{
+    if (!unfinished) return;
+    Unfinished made = std::move(*unfinished);
+    unfinished.reset();
+    if (!made.shaders.empty()) {
         GLint good = GL_FALSE;
-        gl.GetProgramiv(*made, GL_LINK_STATUS, &good);
+        gl.GetProgramiv(*made.program, GL_LINK_STATUS, &good);
+        for (std::size_t k = 0; k < files.size() && good != GL_TRUE; ++k) {
+            GLint compiled = GL_FALSE;
+            gl.GetShaderiv(*made.shaders[k], GL_COMPILE_STATUS, &compiled);
+            if (compiled == GL_TRUE) continue;
+            const std::string log = log_of(*made.shaders[k], gl.GetShaderiv, gl.GetShaderInfoLog);
+            throw std::runtime_error(readable_log(log, made.included[k]));
+        }
         if (good != GL_TRUE)
             throw std::runtime_error(files.back() + ": " +
-                                     readable_log(log_of(*made, gl.GetProgramiv, gl.GetProgramInfoLog), {}));
+                                     readable_log(log_of(*made.program, gl.GetProgramiv, gl.GetProgramInfoLog), {}));
         ++program_counts().compiled;
-        write_program(key, *made);
+        write_program(made.key, *made.program);
     }
     // GLSL 4.1 has no layout(binding = ...).
-    gl.UseProgram(*made);
-    for (const Binding& texture : texture_units) gl.Uniform1i(gl.GetUniformLocation(*made, texture.name), texture.unit);
-    const GLuint block = gl.GetUniformBlockIndex(*made, "Frame");
-    if (block != GL_INVALID_INDEX) gl.UniformBlockBinding(*made, block, 0);
-    program = std::move(made);
+    gl.UseProgram(*made.program);
+    for (const Binding& texture : texture_units)
+        gl.Uniform1i(gl.GetUniformLocation(*made.program, texture.name), texture.unit);
+    const GLuint block = gl.GetUniformBlockIndex(*made.program, "Frame");
+    if (block != GL_INVALID_INDEX) gl.UniformBlockBinding(*made.program, block, 0);
+    program = std::move(made.program);
 }
 
 bool ShaderProgram::rebuild_if_changed()
@@ -186,7 +207,8 @@ bool ShaderProgram::rebuild_if_changed()
                                      [](const FileStamp& stamp) { return !(FileStamp::of(stamp.file) == stamp); });
     if (!changed) return false;
     try {
-        build();
+        start();
+        finish();
         error_text.clear();
         return true;
     } catch (const std::exception& error) {
@@ -197,35 +219,69 @@ bool ShaderProgram::rebuild_if_changed()
 
 bool ProgramVariants::use(const std::vector<std::string>& defines)
 {
-    if (in_use != nullptr && wanted == defines) return false;
-    wanted = defines;
-    return make_wanted();
+    const ShaderProgram* const before = in_use;
+    if (!asked_for(defines)) begin(defines);
+    finish();
+    return in_use != before;
 }
 
-bool ProgramVariants::make_wanted()
+void ProgramVariants::use_soon(const std::vector<std::string>& defines, const GlInfo& info)
 {
-    const ShaderProgram* const before = in_use;
+    if (!asked_for(defines)) begin(defines);
+    if (compiling() && next->is_ready(info)) finish();
+}
+
+bool ProgramVariants::asked_for(const std::vector<std::string>& defines) const
+{
+    return (in_use != nullptr || compiling()) && wanted == defines;
+}
+
+void ProgramVariants::begin(std::vector<std::string> defines)
+{
+    wanted = std::move(defines);
+    next = nullptr;
     try {
         auto found = programs.find(wanted);
         if (found == programs.end())
             found = programs.emplace(wanted, ShaderProgram(files, wanted)).first;
         else
             found->second.rebuild_if_changed(); // its files may have been saved while it was not in use
-        in_use = &found->second;
+        next = &found->second;
+    } catch (const std::exception& error) {
+        fail(error);
+    }
+}
+
+void ProgramVariants::finish()
+{
+    if (!compiling()) return;
+    try {
+        next->finish();
+        in_use = std::exchange(next, nullptr);
         error_text.clear();
     } catch (const std::exception& error) {
-        if (in_use == nullptr) throw;
-        error_text = error.what();
+        next = nullptr;
+        programs.erase(wanted);
+        fail(error);
     }
-    return in_use != before;
+}
+
+void ProgramVariants::fail(const std::exception& error)
+{
+    if (in_use == nullptr) throw;
+    error_text = error.what();
 }
 
 bool ProgramVariants::rebuild_if_changed()
 {
     if (in_use == nullptr) return false;
     // What was asked for and did not compile is tried again with what has been saved since.
-    const bool another = !error_text.empty() && make_wanted();
-    return in_use->rebuild_if_changed() || another;
+    const ShaderProgram* const before = in_use;
+    if (!error_text.empty()) {
+        begin(wanted);
+        finish();
+    }
+    return in_use->rebuild_if_changed() || in_use != before;
 }
 
 GLint texture_unit(const char* name)

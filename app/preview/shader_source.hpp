@@ -2,8 +2,10 @@
 #pragma once
 
 #include <cstdint>
+#include <exception>
 #include <filesystem>
 #include <map>
+#include <optional>
 #include <string>
 #include <vector>
 
@@ -46,11 +48,16 @@ std::string readable_log(const std::string& log, const std::vector<std::string>&
 class ShaderProgram
 {
   public:
-    ShaderProgram() = default;
-    // Compiles at once.
+    // Has the driver begin to compile.
     //   defines  "GAPS" becomes #define GAPS 1
-    //   throws   InputError with file:line of the shader
+    //   throws   InputError: a file that is missing or includes itself
     ShaderProgram(std::vector<std::string> files, std::vector<std::string> defines = {});
+
+    // Whether finish() would not wait; where the driver cannot say, it will.
+    bool is_ready(const GlInfo& info) const;
+    // Waits until it is compiled; does nothing the second time.
+    //   throws  std::runtime_error with file:line of the shader
+    void finish();
 
     GLuint operator*() const { return *program; }
     GLint location(const char* uniform) const { return gl.GetUniformLocation(*program, uniform); }
@@ -62,9 +69,17 @@ class ShaderProgram
     const std::string& complaint() const { return error_text; }
 
   private:
-    void build();
+    void start();
+
+    struct Unfinished {
+        GlName program;
+        std::vector<GlName> shaders;                    // none: the program is from the cache
+        std::vector<std::vector<std::string>> included; // files of each shader
+        std::string key;                                // in the cache
+    };
 
     std::vector<std::string> files, defines;
+    std::optional<Unfinished> unfinished;
     GlName program;
     std::vector<FileStamp> stamps; // of all files that the last attempt has read
     std::string error_text;
@@ -80,12 +95,16 @@ class ProgramVariants
     // From now on the program with these definitions is used. Where it does not compile, the one before stays in use,
     // and complaint() says why.
     //   return  true: another program is in use now
-    //   throws  InputError where there is none before
+    //   throws  InputError or std::runtime_error where there is none before
     bool use(const std::vector<std::string>& defines);
+    // Likewise, but waits for no driver that compiles aside: until that is done the one before stays in use, if there
+    // is one, and compiling() is true. To be called again.
+    void use_soon(const std::vector<std::string>& defines, const GlInfo& info);
 
     ShaderProgram& current() { return *in_use; }
-    bool compiled() const { return error_text.empty(); } // what was asked for is in use
-    bool rebuild_if_changed();                           // as ShaderProgram's, of the program in use
+    bool compiling() const { return next != nullptr; }
+    bool compiled() const { return error_text.empty() && !compiling(); } // what was asked for is in use
+    bool rebuild_if_changed();                                           // as ShaderProgram's, of the program in use
     std::string complaint() const
     {
         return !error_text.empty() || in_use == nullptr ? error_text : in_use->complaint();
@@ -94,11 +113,14 @@ class ProgramVariants
   private:
     std::vector<std::string> files;
     std::map<std::vector<std::string>, ShaderProgram> programs;
-    ShaderProgram* in_use = nullptr;
+    ShaderProgram *in_use = nullptr, *next = nullptr; // next: what was asked for, not finished
     std::vector<std::string> wanted;
     std::string error_text; // of `wanted`
 
-    bool make_wanted();
+    bool asked_for(const std::vector<std::string>& defines) const;
+    void begin(std::vector<std::string> defines);
+    void finish();
+    void fail(const std::exception& error);
 };
 
 // Texture units and uniform blocks by name; a name that a program lacks is nothing.

@@ -18,8 +18,8 @@ FULL_HD = "1920,1080"
 # frames and turns of a measurement; sides of what is drawn in turn, and of what is compared with the reference; seconds for the error's
 # long reference and for each renderer's runs, to relMSE `stop`
 LONG = {"frames": 400, "rounds": 5, "turns": 200, "side": 1024, "bare_side": 4096, "resolutions": preview.LONG["resolutions"], "pixels": 2.0e9,
-        "equal_frames": 4096, "equal_size": 64, "truth_seconds": 60.0, "series_seconds": 30.0, "passes": 5}
-SHORT = LONG | {"frames": 100, "rounds": 3, "turns": 60, "pixels": 4.0e8, "truth_seconds": 15.0, "series_seconds": 8.0, "passes": 3}
+        "equal_frames": 4096, "equal_size": 128, "truth_seconds": 60.0, "series_seconds": 30.0, "passes": 5}
+SHORT = LONG | {"frames": 60, "rounds": 3, "turns": 40, "pixels": 2.0e8, "equal_frames": 1024, "truth_seconds": 15.0, "series_seconds": 8.0, "passes": 3}
 COMMON = {"resolution": FULL_HD, "truth_spp": 4096, "stop": 3e-3, "step": 2, "gl": ""}
 # Issue 6, "on a GPU": a drape in environment light at 1920 x 1080.
 FRAMES_PER_SECOND, SECONDS_TO_ERROR = 60.0, 0.25

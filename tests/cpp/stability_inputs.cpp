@@ -992,8 +992,8 @@ RowTables make_tables()
     // Equal shares: rows of texels, then the rows, in as many texels as fill a row.
     for (int y = 0; y <= t.environment_size.y; ++y)
         for (int x = 0; x < t.environment_size.x; ++x) {
-            const int count = y < t.environment_size.y ? t.environment_size.x : t.environment_size.y;
-            t.inversion.push_back({static_cast<std::uint32_t>((std::uint64_t(x + 1) << 32) / std::uint64_t(count) - 1),
+            const int shares = y < t.environment_size.y ? t.environment_size.x : t.environment_size.y;
+            t.inversion.push_back({static_cast<std::uint32_t>((std::uint64_t(x + 1) << 32) / std::uint64_t(shares) - 1),
                                    static_cast<std::uint32_t>(x)});
         }
     double mean = 0;
