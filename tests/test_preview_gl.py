@@ -3,6 +3,7 @@
 Seen red with a 4.5 function in the 4.1 path (ClipControl called without asking), and with a lost context that nobody asks for."""
 import json
 import os
+import pathlib
 import shutil
 import subprocess
 import time
@@ -114,6 +115,25 @@ def test_a_window_answers_while_the_driver_compiles(tmp_path, shim, monkeypatch)
         shown.wait_for("a picture", lambda: shown.picture()[PICTURE][below].mean() > 0.05, 20)
     # Without a window there is nobody to answer.
     lookdev(tmp_path, SCENES / "sphere_matte.json", "--frames", 4, "--resolution", "16,16", "--backend", "egl")
+
+
+@pytest.mark.parametrize("backend", ["egl", "osmesa"])
+@pytest.mark.parametrize("count", [None, 1])
+def test_threads_of_software_gl_have_a_processor_each(tmp_path, backend, count):
+    """If they are as many. Seen red without: every thread may use every processor, and short runs take up to 1.8 times as long."""
+    ours = os.sched_getaffinity(0)
+    environment = os.environ | ({"LP_NUM_THREADS": str(count)} if count else {})
+    line = [evaluate.BIN / "selvedge-lookdev", SCENES / "sphere_matte.json", "--headless", "-o", tmp_path / "a.exr", "-q", "--time", "2", "--backend", backend]
+    process = subprocess.Popen(line, env=environment)
+    time.sleep(1.5)
+    tasks = [int(task) for task in os.listdir(f"/proc/{process.pid}/task")]
+    names = {task: pathlib.Path(f"/proc/{process.pid}/task/{task}/comm").read_text().strip() for task in tasks}
+    allowed = [os.sched_getaffinity(task) for task, name in names.items() if name.startswith("llvmpipe-")]
+    assert process.wait(60) == 0 and len(allowed) == (count or len(ours))
+    if len(allowed) == len(ours):
+        assert sorted(map(list, allowed)) == [[processor] for processor in sorted(ours)]
+    else:
+        assert all(one == ours for one in allowed)
 
 
 def test_a_program_that_does_not_compile_leaves_the_last_good_one(tmp_path):

@@ -6,6 +6,7 @@
 #include <cstring>
 #include <stdexcept>
 
+#include "app/preview/software_threads.hpp"
 #include "bake/error.hpp"
 
 namespace selvedge
@@ -37,6 +38,7 @@ GlInfo load_gl(GlLoader loader)
     info.renderer = text_of(GL_RENDERER);
     for (const char* name : {"llvmpipe", "softpipe", "swrast", "SWR", "SwiftShader"})
         info.software |= info.renderer.find(name) != std::string::npos;
+    if (info.software) part_software_threads();
     info.version = text_of(GL_VERSION);
     gl.GetIntegerv(GL_MAJOR_VERSION, &info.major);
     gl.GetIntegerv(GL_MINOR_VERSION, &info.minor);
