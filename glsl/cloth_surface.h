@@ -133,8 +133,9 @@ CLOTH_FN ClothFrame cloth_uv_frame(CLOTH_IN(ClothFacet) facet, real3 normal_fron
 {
     real3 x   = facet.dp_u - normal_front * dot(normal_front, facet.dp_u);
     real len2 = dot(x, x);
-    // Without a direction of yarns any frame will do, but always the same one.
-    if (!(len2 > real(1e-12) * dot(facet.dp_u, facet.dp_u)) || facet.hand == real(0)) return cloth_frame(normal_front);
+    // Without a direction of yarns any frame will do, but always the same one. Nearly along the normal there is none either: what
+    // rounding leaves of it is not perpendicular any more.
+    if (!(len2 > real(1e-6) * dot(facet.dp_u, facet.dp_u)) || facet.hand == real(0)) return cloth_frame(normal_front);
     x = x * (real(1) / sqrt(len2));
     return ClothFrame(x, cross(normal_front, x) * facet.hand, normal_front);
 }

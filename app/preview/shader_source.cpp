@@ -173,7 +173,10 @@ bool ShaderProgram::is_ready(const GlInfo& info) const
 
 void ShaderProgram::finish()
 {
-    if (!unfinished) return;
+    if (!unfinished) {
+        if (!program) throw std::runtime_error(error_text); // it has never been compiled
+        return;
+    }
     Unfinished made = std::move(*unfinished);
     unfinished.reset();
     if (!made.shaders.empty()) {
