@@ -59,7 +59,7 @@ class Bench(preview.Bench):
 def main():
     parser = argparse.ArgumentParser(description="Frame rates, costs and time to an error on a graphics card.")
     parts = ("frames", "error", "ingredients", "skips", "stripped", "first", "edits", "equality")
-    parser.add_argument("--quick", action="store_true", help="the short form: less than 3 minutes")
+    parser.add_argument("--quick", action="store_true", help="the short form")
     parser.add_argument("--only", action="append", choices=parts, help="repeatable; default all")
     parser.add_argument("--out", type=pathlib.Path, default=bench_report.ROOT / "out" / "bench", help="folder of the report")
     options = parser.parse_args()
