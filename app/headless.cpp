@@ -163,13 +163,9 @@ int run_headless(LookdevOptions options)
 
     const Clock::time_point build_start = Clock::now();
     const auto context = Context::create(options.backend);
-    PreviewOptions preview_options;
-    preview_options.seed = options.seed;
+    PreviewOptions preview_options = options.for_preview();
     preview_options.footprint_samples = options.footprint_samples;
     preview_options.max_depth = options.paths ? options.max_depth : 1;
-    preview_options.kept = options.kept;
-    preview_options.finding = options.finding;
-    preview_options.shading = options.shading;
     preview_options.planned_size = scene.film.resolution;
     preview_options.target_error = options.target_error;
     preview_options.reproject = false; // nothing moves

@@ -47,6 +47,17 @@ struct LookdevOptions {
     std::uint32_t exit_after_frames = 0;
 
     std::map<std::string, std::string> provenance;
+
+    // What window and headless ask of the preview alike.
+    PreviewOptions for_preview() const
+    {
+        PreviewOptions asked;
+        asked.seed = seed;
+        asked.kept = kept;
+        asked.finding = finding;
+        asked.shading = shading;
+        return asked;
+    }
 };
 
 // Both return the exit status.

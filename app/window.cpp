@@ -212,13 +212,9 @@ class Window
 
     PreviewOptions preview_options() const
     {
-        PreviewOptions wanted;
-        wanted.seed = options.seed;
+        PreviewOptions wanted = options.for_preview();
         wanted.footprint_samples = view.footprint_samples;
         wanted.max_depth = view.paths ? view.max_depth : 1;
-        wanted.kept = options.kept;
-        wanted.finding = options.finding;
-        wanted.shading = options.shading;
         wanted.knows_spread = true;
         wanted.waits = false;
         wanted.target_error = options.target_error > 0 ? options.target_error : display_error;
