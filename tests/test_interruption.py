@@ -115,8 +115,8 @@ def test_a_hundred_signals_at_random_moments_leave_whole_files_and_the_same_bits
 
 
 @pytest.mark.parametrize("program", ["selvedge-render", "selvedge-lookdev"])
-def test_two_signals_at_once_are_one_and_a_later_one_ends(tmp_path, program):
-    """timeout(1) sends two: to the program and to its group."""
+def test_two_signals_at_once_are_one(tmp_path, program):
+    """timeout(1) sends two: to the program and to its group. Seen red with a second one that always ends the program."""
     scene = write_scene(tmp_path) / "scene.json"
     line = [str(RENDER.with_name(program)), str(scene), "-o", str(tmp_path / "out.exr"), "-q", "--json", "--spp", "16777216", "--resolution", "512,512"]
     line += ["--headless"] if program == "selvedge-lookdev" else ["--checkpoint", "3600"]
@@ -127,6 +127,19 @@ def test_two_signals_at_once_are_one_and_a_later_one_ends(tmp_path, program):
         time.sleep(0.01)
     said = process.communicate(timeout=60)[0]
     assert process.returncode == 0 and json.loads(said)["stopped_by"] == "signal" and (tmp_path / "out.exr").exists()
+
+
+def test_a_later_signal_ends_at_once(tmp_path):
+    """A program that has been asked to end and is still busy, with a frame of minutes."""
+    scene = write_scene(tmp_path) / "scene.json"
+    process = subprocess.Popen([str(RENDER.with_name("selvedge-lookdev")), str(scene), "-o", str(tmp_path / "out.exr"), "-q", "--headless",
+                                "--frames", "9", "--footprint-samples", "64", "--resolution", "8192,8192"])
+    time.sleep(6)
+    process.send_signal(signal.SIGTERM)
+    time.sleep(1)
+    assert process.poll() is None
+    process.send_signal(signal.SIGTERM)
+    assert process.wait(10) == -signal.SIGTERM and not (tmp_path / "out.exr").exists()
 
 
 def test_an_interrupted_turntable_goes_on_where_it_was(tmp_path):

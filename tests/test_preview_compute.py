@@ -1,6 +1,8 @@
 """Compute shaders in place of fragment shaders: the same text, so on software GL the same bits.
 
-Seen red with a pixel's corner in place of its centre, and with the tiles that are finished drawn on."""
+Seen red with a pixel's corner in place of its centre, and with rows and columns of tiles exchanged. That finished tiles are left out is no
+matter of the picture: their work is what is saved."""
+import numpy as np
 import pytest
 
 from test_preview import SCENES, lookdev, read, render
@@ -8,7 +10,7 @@ from test_preview_gl import OLD
 
 SIZE = ["--resolution", "56,40"]
 CASES = {"one": ("layers", ["--frames", 8]), "several": ("layers", ["--frames", 4, "--footprint-samples", 4]),
-         "rays": ("layers", ["--frames", 8, "--primary", "rays"]), "tiles": ("cylinder_satin", ["--frames", 256, "--target-error", 4e-3]),
+         "rays": ("layers", ["--frames", 8, "--primary", "rays"]), "tiles": ("cylinder_satin", ["--target-error", 5e-4]),
          "paths": ("curtain", ["--frames", 4, "--integrator", "path"]), "matte": ("sphere_matte", ["--frames", 8])}
 
 
@@ -21,9 +23,8 @@ def test_compute_shaders_draw_the_same_bits(tmp_path, case, backend):
     assert [name for name in reports["fragment"]["passes"] if name.endswith("-compute")] == []
     assert "shade-compute" in reports["compute"]["passes"] and ("visibility-rays-compute" in reports["compute"]["passes"]) == (
         "visibility-rays" in reports["fragment"]["passes"])
-    if case == "tiles":   # some of them stop long before others
-        assert reports["fragment"]["samples"] < 0.9 * 256 * 56 * 40
     (a, _), (b, _) = (read(tmp_path / f"{shade}.exr") for shade in ("fragment", "compute"))
+    assert (len(np.unique(a["samples"])) > 3) == (case == "tiles")   # some of them stop before others
     assert a.keys() == b.keys() and all((a[name] == b[name]).all() for name in a)
     assert a["G"].max() > 0
 

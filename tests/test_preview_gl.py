@@ -103,7 +103,7 @@ def test_a_window_answers_while_the_driver_compiles(tmp_path, shim, monkeypatch)
     """A driver that takes its time and says so: NVIDIA's takes 8 to 27 s. Seen red with a window that waits for it."""
     monkeypatch.setenv("LD_PRELOAD", shim)
     monkeypatch.setenv("COMPILE_SECONDS", "10")
-    monkeypatch.setenv("SELVEDGE_CACHE", str(tmp_path / "cache"))   # whose programs are compiled already
+    monkeypatch.setenv("SELVEDGE_CACHE", str(tmp_path / "cache"))   # empty: what comes from a cache is not waited for
     start = time.monotonic()
     with Display(tmp_path) as shown:
         shown.wait_for("the panel", lambda: shown.picture()[PICTURE][:, :200].std() > 0.02, 8)

@@ -35,7 +35,7 @@ struct GlInfo {
     bool compiles_aside = false;  // the driver can be asked whether it has done with a program
 };
 
-// Fills the table from the current context and asks the driver about itself.
+// Fills the table from the current context and asks the driver about itself; parts the threads of software GL.
 //   throws  std::runtime_error: below GL 4.1, or functions missing
 GlInfo load_gl(GlLoader loader);
 

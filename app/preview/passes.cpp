@@ -8,6 +8,9 @@
 namespace selvedge
 {
 
+// Pixels of a work group: a warp of NVIDIA's cards. 32 to 64 in any shape took the same time within 3 % (docs/gpu.md).
+static constexpr glm::ivec2 dispatch_group(8, 4);
+
 Passes::Passes(const GlInfo& gl_info)
     : info(gl_info), frame_block(GlName::Kind::buffer), screen_array(GlName::Kind::vertex_array)
 {
@@ -23,6 +26,7 @@ void Passes::choose(const Needs& needs, bool tiles, bool squares, bool by_comput
     defines = needs.defines();
     model_defines = needs.model_defines();
     if (squares) defines.emplace_back("SQUARES");
+    defines = dispatch_defines(std::move(defines));
     tile_corners = tiles ? tile_corners : 0;
     if (!tiles) return;
     defines.emplace_back("TILES");
@@ -82,7 +86,16 @@ std::vector<std::string> Passes::ray_defines(bool gauze) const
 {
     std::vector<std::string> list = view_defines();
     if (gauze) list.emplace_back("GAPS");
-    return list;
+    return dispatch_defines(std::move(list));
+}
+
+std::vector<std::string> Passes::dispatch_defines(std::vector<std::string> own) const
+{
+    if (!computes) return own;
+    own.push_back("GROUP_X " + std::to_string(dispatch_group.x));
+    own.push_back("GROUP_Y " + std::to_string(dispatch_group.y));
+    own.push_back("TILE_SIDE " + std::to_string(tile_side));
+    return own;
 }
 
 std::vector<std::string> Passes::gauze_defines() const
@@ -94,16 +107,18 @@ std::vector<std::string> Passes::gauze_defines() const
 
 bool Passes::prepare(const SceneBuffers& buffers, bool waits)
 {
-    std::vector<std::pair<ProgramVariants*, std::vector<std::string>>> needed;
-    needed.emplace_back(computes ? &computed_shading : &shading, defines);
-    if (camera_rays)
-        needed.emplace_back(computes ? &computed_rays : &ray_visibility, ray_defines(!buffers.gauze.empty()));
-    if (!camera_rays && !buffers.opaque.empty()) needed.emplace_back(&opaque_visibility, std::vector<std::string>());
-    if (!camera_rays && !buffers.gauze.empty()) needed.emplace_back(&gauze_visibility, gauze_defines());
-    for (const auto& [programs, with] : needed) programs->use_soon(with, info); // all at once, where the driver can
+    std::vector<ProgramVariants*> needed;
+    const auto need = [&](ProgramVariants& programs, const std::vector<std::string>& with) {
+        programs.use_soon(with, info); // all at once, where the driver can
+        needed.push_back(&programs);
+    };
+    need(computes ? computed_shading : shading, defines);
+    if (camera_rays) need(computes ? computed_rays : ray_visibility, ray_defines(!buffers.gauze.empty()));
+    if (!camera_rays && !buffers.opaque.empty()) need(opaque_visibility, {});
+    if (!camera_rays && !buffers.gauze.empty()) need(gauze_visibility, gauze_defines());
     bool compiled = true;
-    for (const auto& [programs, with] : needed) {
-        if (waits) programs->use(with);
+    for (ProgramVariants* programs : needed) {
+        if (waits) programs->finish();
         compiled &= programs->compiled();
     }
     return compiled;
@@ -275,19 +290,15 @@ void Passes::draw_tiles()
 
 void Passes::dispatch(const ShaderProgram& program, Targets& targets)
 {
-    GLint group[3];
-    gl.GetProgramiv(*program, GL_COMPUTE_WORK_GROUP_SIZE, group);
     gl.UseProgram(*program);
     if (tiled) {
-        gl.Uniform1i(program.location("tile_side"), tile_side);
         gl.ActiveTexture(GL_TEXTURE0 + static_cast<GLenum>(texture_unit("drawn_tiles")));
         gl.BindTexture(GL_TEXTURE_BUFFER, tile_flags.texture());
         gl.ActiveTexture(GL_TEXTURE0);
     }
     targets.begin_dispatch();
-    const glm::ivec2 size = targets.size();
-    gl.DispatchCompute(static_cast<GLuint>((size.x + group[0] - 1) / group[0]),
-                       static_cast<GLuint>((size.y + group[1] - 1) / group[1]), 1);
+    const glm::uvec2 groups = (targets.size() + dispatch_group - 1) / dispatch_group;
+    gl.DispatchCompute(groups.x, groups.y, 1);
     // What comes next reads textures, adds to images, clears and reads framebuffers.
     gl.MemoryBarrier(GL_TEXTURE_FETCH_BARRIER_BIT | GL_SHADER_IMAGE_ACCESS_BARRIER_BIT | GL_FRAMEBUFFER_BARRIER_BIT);
 }

@@ -81,6 +81,8 @@ class Passes
     void draw_screen(); // all of the viewport
     void draw_tiles();  // those of set_tiles(), all of it where nobody has set any
     void dispatch(const ShaderProgram& program, Targets& targets); // likewise, for a compute shader
+    // Of a pass that is a compute shader where there are any.
+    std::vector<std::string> dispatch_defines(std::vector<std::string> own) const;
     std::vector<std::string> screen_defines() const;
     static void set_weights(const ShaderProgram& program, const ShownWeights& weights);
     std::vector<std::string> view_defines() const;

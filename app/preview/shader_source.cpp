@@ -165,9 +165,8 @@ void ShaderProgram::start()
 bool ShaderProgram::is_ready(const GlInfo& info) const
 {
     if (!unfinished || unfinished->shaders.empty() || !info.compiles_aside) return true;
-    constexpr GLenum completion_status = 0x91B1; // GL_COMPLETION_STATUS_KHR
     GLint ready = GL_FALSE;
-    gl.GetProgramiv(*unfinished->program, completion_status, &ready);
+    gl.GetProgramiv(*unfinished->program, GL_COMPLETION_STATUS_KHR, &ready);
     return ready == GL_TRUE;
 }
 

@@ -100,6 +100,7 @@ class ProgramVariants
     // Likewise, but waits for no driver that compiles aside: until that is done the one before stays in use, if there
     // is one, and compiling() is true. To be called again.
     void use_soon(const std::vector<std::string>& defines, const GlInfo& info);
+    void finish(); // waits for what was asked for last; throws as use()
 
     ShaderProgram& current() { return *in_use; }
     bool compiling() const { return next != nullptr; }
@@ -119,7 +120,6 @@ class ProgramVariants
 
     bool asked_for(const std::vector<std::string>& defines) const;
     void begin(std::vector<std::string> defines);
-    void finish();
     void fail(const std::exception& error);
 };
 

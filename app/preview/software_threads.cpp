@@ -15,7 +15,7 @@ namespace selvedge
 {
 
 #ifdef __linux__
-std::size_t part_software_threads()
+void part_software_threads()
 {
     namespace fs = std::filesystem;
     std::error_code ended; // threads come and go
@@ -27,25 +27,20 @@ std::size_t part_software_threads()
             threads.push_back(std::atoi(at->path().filename().c_str()));
     }
     cpu_set_t ours;
-    if (sched_getaffinity(0, sizeof ours, &ours) != 0) return 0; // more processors than the set has room for
+    if (sched_getaffinity(0, sizeof ours, &ours) != 0) return; // more processors than the set has room for
     std::vector<int> processors;
     for (int processor = 0; processor < CPU_SETSIZE; ++processor)
         if (CPU_ISSET(processor, &ours)) processors.push_back(processor);
-    if (threads.size() != processors.size()) return 0;
-    std::size_t parted = 0;
+    if (threads.size() != processors.size()) return;
     for (std::size_t k = 0; k < threads.size(); ++k) {
         cpu_set_t own;
         CPU_ZERO(&own);
         CPU_SET(processors[k], &own);
-        if (sched_setaffinity(threads[k], sizeof own, &own) == 0) ++parted;
+        sched_setaffinity(threads[k], sizeof own, &own); // one that has ended needs none
     }
-    return parted;
 }
 #else
-std::size_t part_software_threads()
-{
-    return 0;
-}
+void part_software_threads() {}
 #endif
 
 } // namespace selvedge

@@ -1,15 +1,12 @@
 // app/preview/software_threads.hpp: the threads that software GL draws with. Included by gl.cpp.
 #pragma once
 
-#include <cstddef>
-
 namespace selvedge
 {
 
 // Gives each of llvmpipe's threads a processor of its own, if there are as many of them as processors that the process
 // may use. Linux wakes them on the processor that they are woken from, and takes some 50 ms to part them: until then
 // frames take as long as on fewer processors. For a context that exists; does nothing on other systems and drivers.
-//   return  threads that have one now
-std::size_t part_software_threads();
+void part_software_threads();
 
 } // namespace selvedge

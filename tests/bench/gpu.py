@@ -5,7 +5,6 @@ import argparse
 import pathlib
 import sys
 import tempfile
-import time
 
 sys.path.insert(0, str(pathlib.Path(__file__).resolve().parents[1]))
 
@@ -65,19 +64,14 @@ def main():
     options = parser.parse_args()
     for name, value in ((SHORT if options.quick else LONG) | COMMON).items():
         setattr(options, name, value)
-    figures, load = {}, bench_report.other_load()
+    load = bench_report.other_load()
     with tempfile.TemporaryDirectory(prefix="selvedge-bench-") as folder:
         bench = Bench(folder, options)
         if bench.is_software():
             print(f"gpu: OpenGL is {bench.gl}, no graphics card: nothing is measured", file=sys.stderr)
             return
         functions = (bench.frame_rates, bench.error, bench.ingredients, bench.skips, bench.stripped, bench.first_picture, bench.edits, bench.equality)
-        for name, part in zip(parts, functions):
-            if options.only and name not in options.only:
-                continue
-            start = time.monotonic()
-            figures |= part()
-            print(f"gpu: {name}, {time.monotonic() - start:.0f} s", file=sys.stderr)
+        figures = preview.measure("gpu", dict(zip(parts, functions)), options.only)
         bench_report.write("gpu", figures, bench.curves, out=options.out, load=load, gl=bench.gl, groups={"demo": list(bench.curves)} if bench.curves else {},
                            axes=("seconds", "relMSE"), quick=options.quick)
 

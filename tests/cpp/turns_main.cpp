@@ -116,6 +116,8 @@ Model parse_model(const std::string& text)
         } else if (setting.starts_with("glsl=")) {
             model.glsl = value;
         } else if (setting.starts_with("shade=")) {
+            if (value != "fragment" && value != "compute")
+                throw UsageError("--model: shade=%s, expected fragment or compute", value.c_str());
             model.preview.shading = value == "compute" ? Shading::compute : Shading::fragment;
         } else {
             model.overrides.push_back(std::string("model.") + setting);
