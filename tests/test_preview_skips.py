@@ -56,19 +56,19 @@ PLANE = {"lights": [SUN, {"type": "point", "position": [1, 1, 1], "intensity": [
     (SPHERE, {"fabric", "gaps", "shadows", "lights", "model", "noise", "interreflection", "stacks"}),
     (PLANE, {"shadows"}),
     ("plane_plain", {"matte", "shadows", "lights", "model"}),
-    ("cylinder_satin", {"matte", "shadows", "lights"}),
-    ("layers", {"lights", "model"}),
+    ("cylinder_satin", {"matte", "shadows", "lights", "search"}),
+    ("layers", {"lights", "model", "search"}),
 ], ids=["sphere", "plane", "plane_plain", "cylinder_satin", "layers"])
 def test_the_program_that_can_do_everything_draws_the_same_bits(preview, scene, skips):
     lean, picture = preview(scene, "--primary", "raster")   # which decides about triangles' edges
     full, everything = preview(scene, "--primary", "raster", "--keep", "all")
     assert skips <= left_out(lean) and not left_out(full)
-    assert set(lean["features"]) - {"CONVEX", "FEW_LIGHTS", "SKY"} <= set(full["features"])
+    assert set(lean["features"]) - {"CONVEX", "FEW_LIGHTS", "SKY", "FOUND"} <= set(full["features"])
     assert {"FABRIC", "GAPS", "MATTE", "SHADOWS"} <= set(full["features"])
     assert_same_bits(picture, everything)
 
 
-@pytest.mark.parametrize("name", ["fabric", "gaps", "interreflection", "lights", "matte", "model", "noise", "shadows", "stacks"])
+@pytest.mark.parametrize("name", ["fabric", "gaps", "interreflection", "lights", "matte", "model", "noise", "search", "shadows", "stacks"])
 def test_each_skip_alone_changes_no_bit(preview, name):
     """A plane of opaque cloth without noise leaves out all but what it is made of."""
     yarn = {"spacing": 0.001, "width": 0.0012, "thickness": 20}
@@ -77,12 +77,42 @@ def test_each_skip_alone_changes_no_bit(preview, name):
              "objects": [{"shape": "plane", "rotate": [60, 0, 0], "scale": 2, "fabric": cloth, "uv_scale": 0.02}]}
     if name in ("fabric", "interreflection", "stacks"):
         scene = SPHERE
+    if name == "search":   # points are found by the visibility pass where rays may pass
+        scene = scene | {"model": {}}
     if name == "gaps":   # every cloth has some: two bodies without, so that shadow rays have something to meet
         scene = SPHERE | {"objects": SPHERE["objects"] + [{"shape": "sphere", "scale": 0.4, "translate": [-0.8, 0.9, 0.9]} | MATTE]}
     lean, picture = preview(scene, "--primary", "raster")
     kept, again = preview(scene, "--primary", "raster", "--keep", name)
     assert name in left_out(lean) and left_out(lean) - left_out(kept) == {name}
     assert_same_bits(picture, again)
+
+
+def test_points_are_searched_once_where_the_visibility_pass_finds_them_all(preview):
+    """Not where some cloth stops all rays, nor where points have weights that are not handed over, nor where samples share a ray."""
+    cloth = {"name": "cloth", "pattern": "plain 1/1", "resolution": 64, "irregularity": {"twist": 0}}
+    cloth |= dict.fromkeys(("warp", "weft"), {"spacing": 0.001, "width": 0.0009, "thickness": 20})
+    opaque = cloth | dict.fromkeys(("warp", "weft"), {"spacing": 0.001, "width": 0.001, "plies": 1, "thickness": 20})
+    plane  = {"shape": "plane", "rotate": [60, 0, 0], "scale": 2, "uv_scale": 0.02, "fabric": cloth}
+    behind = plane | {"translate": [0, -0.5, -0.5], "scale": 3}
+    model  = {"model": {"unscattered": False}}
+    two    = {"lights": [SUN], "objects": [plane, behind]} | model
+    mixed  = {"lights": [SUN], "objects": [plane, behind | {"fabric": opaque}]} | model
+    def searched(scene, *arguments):
+        report, picture = preview(scene, *arguments, size=64)
+        assert ("FOUND" in report["features"]) == report["skipped"]["search"]
+        return not report["skipped"]["search"], picture
+    for primary in ("raster", "rays"):
+        again, picture = searched(two, "--primary", primary)
+        kept, same = searched(two, "--primary", primary, "--keep", "search")
+        assert not again and kept
+        assert_same_bits(picture, same)
+        again, picture = searched(mixed, "--primary", primary)
+        assert again
+        _, same = searched(mixed, "--primary", primary, "--keep", "all")
+        assert_same_bits(picture, same)
+    assert searched(two, "-D", "model.weight=tile")[0]
+    assert searched(two, "--footprint-samples", "2")[0]
+    assert not searched(two, "--bsdf", "micro")[0]
 
 
 def test_yarns_that_reflect_nothing_but_let_light_through_still_light_each_other(preview):

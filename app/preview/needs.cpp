@@ -139,9 +139,9 @@ static bool in_front_of_any(const Scene& scene, glm::dvec3 point)
 
 const std::vector<std::string>& skip_names()
 {
-    static const std::vector<std::string> names = {"bounces",         "emitters", "fabric",  "gaps",
-                                                   "interreflection", "lights",   "matte",   "metal",
-                                                   "model",           "noise",    "shadows", "stacks"};
+    static const std::vector<std::string> names = {"bounces", "emitters", "fabric", "gaps",  "interreflection",
+                                                   "lights",  "matte",    "metal",  "model", "noise",
+                                                   "search",  "shadows",  "stacks"};
     return names;
 }
 
@@ -153,9 +153,11 @@ Needs Needs::of(const Scene& scene, const BlockingShape& shape, const CameraSpec
         return needs.skipped[name] = possible && kept.count(name) == 0;
     };
     bool any_fabric = false, any_gaps = false, any_matte = false, any_metal = false, any_emitter = false;
+    bool all_gaps = true; // of the fabrics
     for (const SceneObject& object : scene.objects) {
         (object.fabric >= 0 ? any_fabric : any_matte) = true;
         any_gaps |= lets_rays_through(scene, object);
+        all_gaps &= object.fabric < 0 || lets_rays_through(scene, object);
         any_metal |= object.roughness > 0;
         any_emitter |= object.light >= 0;
     }
@@ -186,6 +188,11 @@ Needs Needs::of(const Scene& scene, const BlockingShape& shape, const CameraSpec
                                  return std::all_of(f.yarns.begin(), f.yarns.end(), bends_nothing);
                              }));
     needs.compiled_model = left_out("model", true);
+    // A second search for the points that the visibility pass has found: where it has found all. Two words have no room
+    // for areas.
+    const bool weighs_areas = needs.model.bsdf == cloth_bsdf_meso && needs.model.weight != cloth_weight_relief;
+    const bool handed_over = any_fabric && all_gaps && needs.gaps && !needs.layers() && !weighs_areas;
+    needs.found = left_out("search", handed_over);
 
     for (const ClothLight& light : scene.lights) needs.light_kinds |= 1 << light.kind;
     constexpr int all_kinds = (2 << cloth_light_mesh) - 1;
@@ -241,6 +248,7 @@ std::vector<std::string> Needs::defines() const
                                                   {"GAPS", gaps},
                                                   {"FOOTPRINT", several_points},
                                                   {"LAYERS", layers()},
+                                                  {"FOUND", found},
                                                   {"MATTE", matte},
                                                   {"EMITTERS", emitters},
                                                   {"FEW_LIGHTS", light_count >= 0},
