@@ -205,11 +205,19 @@ CLOTH_FN real cloth_unscattered(CLOTH_IN(ClothYarn) yarn, real3 normal, real3 ta
 
 // Light that reaches a point by way of other yarns, over all bounces, relative to what an open place receives: E - I_p with
 // E = I_p / (1 - a (1 - I_p)) [9.1].
-//   albedo  a, what a yarn gives on of the light that falls on it, [0, 1];  openness  I_p, (0, 1]
-CLOTH_FN real3 cloth_interreflection(real3 albedo, real openness)
+struct ClothRegained {
+    real3 front;
+    real3 back;
+};
+
+//   albedo  a, what a yarn gives on of the light that falls on it, [0, 1];  openness  I_p of front and back, (0, 1]
+CLOTH_FN ClothRegained cloth_interreflection(real3 albedo, real2 openness)
 {
-    real3 kept = (real3(real(1)) - albedo) + albedo * openness;   // 1 - a (1 - openness) without cancelling
-    return albedo * (openness * (real(1) - openness)) / max(kept, real3(real(1e-4)));
+    real3 rest  = real3(real(1)) - albedo;   // 1 - a (1 - openness) without cancelling:
+    real3 front = max(rest + albedo * openness.x, real3(real(1e-4)));
+    real3 back  = max(rest + albedo * openness.y, real3(real(1e-4)));
+    real3 share = albedo / (front * back);   // one division for both
+    return ClothRegained(share * back * (openness.x * (real(1) - openness.x)), share * front * (openness.y * (real(1) - openness.y)));
 }
 
 // Selection probabilities of the lobes at a point: x specular reflection, y specular transmission, z diffuse reflection,

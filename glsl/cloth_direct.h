@@ -95,8 +95,9 @@ CLOTH_FN bool cloth_lights_between(ClothSettings settings)
 CLOTH_FN ClothBetween cloth_between(CLOTH_IN(ClothSelection) selection, ClothSettings settings)
 {
     if (!cloth_lights_between(settings)) return ClothBetween(real3(real(0)), real3(real(0)), real(0), real(0));
-    real3 r    = selection.yarn.reflectance * cloth_interreflection(selection.yarn.albedo, selection.texel.openness_f);
-    real3 t    = selection.yarn.transmittance * cloth_interreflection(selection.yarn.albedo, selection.texel.openness_b);
+    ClothRegained light = cloth_interreflection(selection.yarn.albedo, real2(selection.texel.openness_f, selection.texel.openness_b));
+    real3 r    = selection.yarn.reflectance * light.front;
+    real3 t    = selection.yarn.transmittance * light.back;
     real front = cloth_luminance(r), lobe = front + cloth_luminance(t);
     real point = cloth_luminance(selection.yarn.albedo_r + selection.yarn.albedo_t + selection.yarn.diffuse_r + selection.yarn.diffuse_t);
     return ClothBetween(r, t, lobe / max(lobe + point, real(1e-20)), front / max(lobe, real(1e-20)));
@@ -124,8 +125,7 @@ CLOTH_FN ClothValue cloth_shading_lit(CLOTH_IN(ClothMaps) maps, CLOTH_IN(ClothSh
     if (cloth_shading_is_metal(shading)) return ClothValue(cloth_metal_value(shading.albedo, shading.roughness, wi, wo), real(1));
     if (shading.matte) return ClothValue(shading.albedo * (max(wi.z, real(0)) / cloth_pi), real(1));
     bool reflected = wi.z > real(0);
-    int side       = shading.selection.side;
-    real v = cloth_visibility_at(maps, reflected ? side : 1 - side, shading.selection.spot, real3(wi.x, wi.y, abs(wi.z)), settings);
+    real v         = cloth_selection_visibility(maps, shading.selection, !reflected, real3(wi.x, wi.y, abs(wi.z)), settings);
     real3 value = real3(real(0));
     if (v > real(0))
         value = cloth_point_value(shading.selection.texel.point, shading.selection.yarn, wi, wo, settings.slab) * v;

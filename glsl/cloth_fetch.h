@@ -1,6 +1,6 @@
 // The one door through which shared code reads memory: arrays in C++, buffers and textures in GLSL. Imports cloth_types.h.
-//   cloth_fetch_texel      side 0 front, 1 back; xy in [0, size)
-//   cloth_fetch_horizon    xy in [0, size / 2)
+//   cloth_fetch_texels     those of both sides, that of `side` (0 front, 1 back) in xy; xy in [0, size)
+//   cloth_fetch_horizons   likewise; xy in [0, size / 2)
 //   cloth_fetch_visibility  word of the horizons, or of what takes their place: two a half-resolution texel for 16 knots, one a
 //                          texel for caps
 //   cloth_fetch_height     xy in [0, size); 16 bits, 0 at height_low, 65535 at height_high
@@ -37,13 +37,15 @@ struct ClothLights {
     const ClothEmitter* emitters = nullptr;
 };
 
-inline uvec2 cloth_fetch_texel(const ClothMaps& maps, int side, ivec2 xy)
+inline uvec4 cloth_fetch_texels(const ClothMaps& maps, int side, ivec2 xy)
 {
-    return maps.texels[side][xy.y * maps.size.x + xy.x];
+    int index = xy.y * maps.size.x + xy.x;
+    return uvec4(maps.texels[side][index], maps.texels[1 - side][index]);
 }
-inline uvec2 cloth_fetch_horizon(const ClothMaps& maps, int side, ivec2 xy)
+inline uvec4 cloth_fetch_horizons(const ClothMaps& maps, int side, ivec2 xy)
 {
-    return maps.horizons[side][xy.y * (maps.size.x / 2) + xy.x];
+    int index = xy.y * (maps.size.x / 2) + xy.x;
+    return uvec4(maps.horizons[side][index], maps.horizons[1 - side][index]);
 }
 inline uvec2 cloth_fetch_visibility(const ClothMaps& maps, int side, int index)
 {
@@ -84,7 +86,7 @@ inline ClothEmitter cloth_fetch_emitter(const ClothLights& lights, int index)
 
 #else
 
-uniform usamplerBuffer map_words;      // RG32UI: texels and horizons of all fabrics
+uniform usamplerBuffer map_words;      // RGBA32UI: texels and horizons of all fabrics, front xy, back zw
 uniform usamplerBuffer slope_words;    // R32UI: slope mips of all fabrics
 uniform usamplerBuffer height_words;   // R16UI: heights of all fabrics
 uniform samplerBuffer asg_table;       // RGBA32F, two records a texel
@@ -96,11 +98,11 @@ uniform usamplerBuffer emitter_table;  // RGBA32UI, three texels a triangle
 
 struct ClothMaps {
     ivec2 size;
-    ivec2 texels;      // first word of front and back in map_words
-    ivec2 horizons;    // likewise
-    ivec2 mips;        // in slope_words
-    ivec2 heights;     // in height_words
-    ivec2 asg;         // in asg_table
+    int texels;        // first in map_words
+    int horizons;      // likewise
+    ivec2 mips;        // of front and back in slope_words
+    int heights;       // first of the front's in height_words; the back's follow
+    int asg;           // likewise in asg_table
     int yarns;         // first yarn type in yarn_table
     vec2 tile_m;
     vec2 height_low;   // of front and back [m]
@@ -114,17 +116,20 @@ struct ClothLights {
     ivec2 environment_size;
 };
 
-uvec2 cloth_fetch_texel(ClothMaps maps, int side, ivec2 xy)
+uvec4 cloth_fetch_texels(ClothMaps maps, int side, ivec2 xy)
 {
-    return texelFetch(map_words, (side == 0 ? maps.texels.x : maps.texels.y) + xy.y * maps.size.x + xy.x).xy;
+    uvec4 both = texelFetch(map_words, maps.texels + xy.y * maps.size.x + xy.x);
+    return side == 0 ? both : both.zwxy;
 }
-uvec2 cloth_fetch_horizon(ClothMaps maps, int side, ivec2 xy)
+uvec4 cloth_fetch_horizons(ClothMaps maps, int side, ivec2 xy)
 {
-    return texelFetch(map_words, (side == 0 ? maps.horizons.x : maps.horizons.y) + xy.y * (maps.size.x / 2) + xy.x).xy;
+    uvec4 both = texelFetch(map_words, maps.horizons + xy.y * (maps.size.x / 2) + xy.x);
+    return side == 0 ? both : both.zwxy;
 }
 uvec2 cloth_fetch_visibility(ClothMaps maps, int side, int index)
 {
-    return texelFetch(map_words, (side == 0 ? maps.horizons.x : maps.horizons.y) + index).xy;
+    uvec4 both = texelFetch(map_words, maps.horizons + index);
+    return side == 0 ? both.xy : both.zw;
 }
 uint cloth_fetch_slope_mip(ClothMaps maps, int side, int index)
 {
@@ -132,11 +137,11 @@ uint cloth_fetch_slope_mip(ClothMaps maps, int side, int index)
 }
 uint cloth_fetch_height(ClothMaps maps, int side, ivec2 xy)
 {
-    return texelFetch(height_words, (side == 0 ? maps.heights.x : maps.heights.y) + xy.y * maps.size.x + xy.x).x;
+    return texelFetch(height_words, maps.heights + ((side == 0 ? 0 : maps.size.y) + xy.y) * maps.size.x + xy.x).x;
 }
 vec4 cloth_fetch_asg(ClothMaps maps, int side, ivec2 xy, int record)
 {
-    return texelFetch(asg_table, (side == 0 ? maps.asg.x : maps.asg.y) + (xy.y * maps.size.x + xy.x) * 2 + record);
+    return texelFetch(asg_table, maps.asg + (((side == 0 ? 0 : maps.size.y) + xy.y) * maps.size.x + xy.x) * 2 + record);
 }
 ClothYarn cloth_fetch_yarn(ClothMaps maps, int index)
 {

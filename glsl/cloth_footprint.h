@@ -29,9 +29,10 @@ struct ClothSettings {
 CLOTH_CONST int cloth_candidates = 4;
 CLOTH_CONST real cloth_area_min  = real(0.02);   // floor of A_G in the paper's form [6.2]
 // The march of the view ray: its step, so that no ply (10 texels and more) is stepped over, and the most steps: longer ways
-// get longer ones.
-CLOTH_CONST real cloth_march_step = real(3);   // [texels]
-CLOTH_CONST int cloth_march_steps = 96;
+// get longer ones. Finer than by steps of 2 texels the place need not be known: with those of 3 and two halvings close-ups were no nearer
+// to the truth (both within 1.5 % at 75 and 85 degrees on plain, twill, satin and wool_rib), and each look-up waits for the last.
+CLOTH_CONST real cloth_march_step = real(2);   // [texels]
+CLOTH_CONST int cloth_march_steps = 256;
 
 // Where a ray meets the cloth, in tiles of the fabric: centre and extent of one pixel step.
 struct ClothFootprint {
@@ -49,6 +50,7 @@ struct ClothSelection {
     ClothYarn yarn;
     int side;               // the viewer's
     ivec2 spot;             // in quarters of a texel
+    uvec4 horizons;         // of the spot, the viewer's side xy; 0 for other kinds of visibility
 };
 
 // Where in the cloth a ray's point lies: what is found by looking at the maps, small enough to be handed from pass to pass.
@@ -80,7 +82,26 @@ CLOTH_FN real cloth_visibility_at(CLOTH_IN(ClothMaps) maps, int side, ivec2 spot
 {
     if (!cloth_uses_visibility(settings)) return d.z > real(0) ? real(1) : real(0);
     if (settings.visibility != cloth_visibility_horizon8) return cloth_other_visibility_at(maps, side, spot, d, settings.visibility);
-    return cloth_horizon_visibility(cloth_fetch_horizon(maps, side, cloth_horizon_at(maps, spot)), d);
+    uvec4 both = cloth_fetch_horizons(maps, side, cloth_horizon_at(maps, spot));
+    return cloth_horizon_visibility(uvec2(both.x, both.y), d);
+}
+
+// The horizons that a spot sees, those of `side` first.
+CLOTH_FN uvec4 cloth_spot_horizons(CLOTH_IN(ClothMaps) maps, int side, ivec2 spot, ClothSettings settings)
+{
+    if (!cloth_uses_visibility(settings) || settings.visibility != cloth_visibility_horizon8) return uvec4(0u);
+    return cloth_fetch_horizons(maps, side, cloth_horizon_at(maps, spot));
+}
+
+// V of a direction at a chosen point.
+//   beyond  on the side away from the viewer;  d  in the frame of that side
+CLOTH_FN real cloth_selection_visibility(CLOTH_IN(ClothMaps) maps, CLOTH_IN(ClothSelection) selection, bool beyond, real3 d, ClothSettings settings)
+{
+    if (!cloth_uses_visibility(settings)) return d.z > real(0) ? real(1) : real(0);
+    if (settings.visibility != cloth_visibility_horizon8)
+        return cloth_other_visibility_at(maps, beyond ? 1 - selection.side : selection.side, selection.spot, d, settings.visibility);
+    uvec4 both = selection.horizons;
+    return cloth_horizon_visibility(beyond ? uvec2(both.z, both.w) : uvec2(both.x, both.y), d);
 }
 
 // A_G of the paper: projected area of the footprint from the mean slopes of the mip level that matches it [6.2, 7].
@@ -100,44 +121,36 @@ struct ClothDescent {
     int steps;       // at most
     real z;          // of the first place, in units of the map, 0 at the lowest height
     uvec2 place;
-    uvec2 quarter;   // of a step
+    uvec2 down;      // a step
 };
 
 CLOTH_FN ClothDescent cloth_descent(CLOTH_IN(ClothMaps) maps, int side, real2 tile, real3 o, real u)
 {
     real low  = side == 0 ? maps.height_low.x : maps.height_low.y;
     real high = side == 0 ? maps.height_high.x : maps.height_high.y;
-    real2 way   = real2(o.x, o.y) / o.z / maps.tile_m;   // per metre of height
+    real2 way   = real2(o.x, o.y) / (o.z * maps.tile_m);   // per metre of height
     real2 start = tile + way * low;
-    real2 run   = way * ((high - low) / cloth_height_top);
-    real texels = max(abs(run.x) * real(maps.size.x), abs(run.y) * real(maps.size.y)) * cloth_height_top;
-    real count  = clamp(ceil(texels / cloth_march_step), real(1), real(cloth_march_steps));
+    real2 all   = way * (high - low);
+    real2 run   = all * (real(1) / cloth_height_top);
+    real texels = max(abs(all.x) * real(maps.size.x), abs(all.y) * real(maps.size.y));
+    real count  = clamp(ceil(texels * (real(1) / cloth_march_step)), real(1), real(cloth_march_steps));
     real step   = cloth_height_top / count;
     real z      = cloth_height_top - step * u;   // the first step ends in the relief
-    // The ray goes down by quarters of a step, so that the halving meets places beside those of the steps.
-    return ClothDescent(start, run, step, int(count), z, cloth_wrap(start + run * z), cloth_wrap(run * (real(-0.25) * step)));
+    return ClothDescent(start, run, step, int(count), z, cloth_wrap(start + run * z), cloth_wrap(run * -step));
 }
 
 // Where it meets the relief, in tiles.
 CLOTH_FN real2 cloth_descend(CLOTH_IN(ClothMaps) maps, int side, ClothDescent ray)
 {
-    real z        = ray.z;
-    uvec2 place   = ray.place;
-    uvec2 quarter = ray.quarter;
+    real z      = ray.z;
+    uvec2 place = ray.place;
     for (int k = ray.steps; k > 0 && cloth_height_at(maps, side, place) < z; --k) {
         z -= ray.step;
-        place += quarter << 2u;
+        place += ray.down;
     }
-    // The surface lies between z and a step above it; halved twice, to three quarters of a texel. What either half may ask for
-    // is looked up beforehand: no look-up waits for another.
-    bool lower_1 = cloth_height_at(maps, side, place - quarter) < z + real(0.25) * ray.step;
-    bool lower_2 = cloth_height_at(maps, side, place - (quarter << 1u)) < z + real(0.5) * ray.step;
-    bool lower_3 = cloth_height_at(maps, side, place - quarter * 3u) < z + real(0.75) * ray.step;
-    // The quarter that lower_2 and then one of the others choose, without branches, which a processor could only guess.
-    real upper   = real(1) - real(0.25) * real(lower_3), lower = real(0.5) - real(0.25) * real(lower_1);
-    real above   = upper + real(lower_2) * (lower - upper);
-    // Half way: of a wall between two texels each gets its half. Below alone, crests would be seen too often (2 % too bright).
-    return ray.start + ray.run * (z + ray.step * (above - real(0.125)));
+    // The surface lies between z and a step above it: half way, for of a wall between two texels each gets its half. Below, crests
+    // would be seen too often.
+    return ray.start + ray.run * (z + real(0.5) * ray.step);
 }
 
 // First point of the height field that the view ray through `tile` on the mid-plane meets, in tiles [6.4.1]. The field is one
@@ -192,7 +205,7 @@ CLOTH_FN ClothPlace cloth_find(CLOTH_IN(ClothMaps) maps, int side, ClothFootprin
             away        = away - floor(away) - u_footprint;   // from the first candidate
             real2 tile  = first + footprint.dx * away.x + footprint.dy * away.y;
             ivec2 spot  = cloth_spot_at(maps, tile);
-            real2 slope = cloth_decode_slopes(cloth_fetch_texel(maps, side, spot >> 2).x);
+            real2 slope = cloth_decode_slopes(cloth_fetch_texels(maps, side, spot >> 2).x);
             real a      = max(o.z - dot(slope, real2(o.x, o.y)), real(0));
             if (a > real(0)) a *= cloth_visibility_at(maps, side, spot, o, settings);
             total += a;
@@ -237,7 +250,8 @@ CLOTH_FN ClothBend cloth_bend(CLOTH_IN(ClothMaps) maps, CLOTH_IN(ClothTexel) tex
                               bool noise, real u)
 {
     if (u >= real(0.5)) return ClothBend(texel.point.tangent, yarn.albedo_t * real(2), yarn.alpha_t, yarn.thickness);
-    uvec2 below     = cloth_fetch_texel(maps, 1 - side, xy);
+    uvec4 both      = cloth_fetch_texels(maps, side, xy);
+    uvec2 below     = uvec2(both.z, both.w);
     ClothYarn lower = cloth_fetch_yarn(maps, cloth_texel_yarn(below));
     real3 tangent   = cloth_fibre_tangent(maps, 1 - side, below, cloth_decode_slopes(below.x), texel.point.normal_b, xy, tile, noise);
     return ClothBend(cloth_mirror(tangent), lower.albedo_t * real(2), lower.alpha_t, lower.thickness);
@@ -255,10 +269,11 @@ CLOTH_FN ClothSelection cloth_meet(CLOTH_IN(ClothMaps) maps, int side, ClothFoot
     bool resample = meso && settings.weight == cloth_weight_resample;
 
     ClothSelection result;
-    result.passes = false;
-    result.weight = real(1);
-    result.side   = side;
-    result.spot   = place.spot;
+    result.passes   = false;
+    result.weight   = real(1);
+    result.side     = side;
+    result.spot     = place.spot;
+    result.horizons = cloth_spot_horizons(maps, side, place.spot, settings);   // once, for all that ask
     ivec2 repeat  = settings.twist_noise ? footprint.base + place.repeat : ivec2(0, 0);
     result.texel  = cloth_texel(maps, side, place.spot >> 2, repeat, settings.twist_noise);
     result.yarn   = cloth_fetch_yarn(maps, result.texel.yarn);
@@ -277,7 +292,7 @@ CLOTH_FN ClothSelection cloth_meet(CLOTH_IN(ClothMaps) maps, int side, ClothFoot
     real through     = (result.texel.gap ? real(1) : unscattered) * min(result.weight, real(1));
     result.passes    = !stops && u < through;
     if (result.passes && meso) {
-        real v        = cloth_visibility_at(maps, 1 - side, place.spot, real3(-o.x, -o.y, o.z), settings);
+        real v        = cloth_selection_visibility(maps, result, true, real3(-o.x, -o.y, o.z), settings);
         result.passes = u < through * cloth_clears(v, unscattered);
     }
     if (result.texel.gap && !result.passes && !relief && !resample && meso) result.weight = real(0);
@@ -317,7 +332,8 @@ struct ClothCrossing {
 CLOTH_FN ClothCrossing cloth_crossing(CLOTH_IN(ClothMaps) maps, real2 tile, real3 d, ClothSettings settings)
 {
     ivec2 spot = cloth_spot_at(maps, tile);
-    uvec2 word = cloth_fetch_texel(maps, 0, spot >> 2);
+    uvec4 both = cloth_fetch_texels(maps, 0, spot >> 2);
+    uvec2 word = uvec2(both.x, both.y);
     bool gap   = cloth_texel_is_gap(word);
     real3 up   = d * (real(1) - real(2) * real(d.z < real(0)));
     ClothCrossing crossing = ClothCrossing(spot, up, real(0), real(0));
@@ -342,9 +358,15 @@ CLOTH_FN ClothCrossing cloth_crossing(CLOTH_IN(ClothMaps) maps, real2 tile, real
 CLOTH_FN real cloth_crossing_clears(CLOTH_IN(ClothMaps) maps, ClothCrossing crossing, ClothSettings settings)
 {
     if (!cloth_uses_visibility(settings)) return real(1);
-    real3 up = crossing.up;
-    return cloth_clears(cloth_visibility_at(maps, 0, crossing.spot, up, settings), crossing.unscattered) *
-           cloth_clears(cloth_visibility_at(maps, 1, crossing.spot, real3(-up.x, -up.y, up.z), settings), crossing.unscattered);
+    real3 up   = crossing.up;
+    real2 v;   // of front and back
+    if (settings.visibility == cloth_visibility_horizon8) {
+        v = cloth_horizon_visibilities(cloth_fetch_horizons(maps, 0, cloth_horizon_at(maps, crossing.spot)), up);
+    } else {
+        v.x = cloth_visibility_at(maps, 0, crossing.spot, up, settings);
+        v.y = cloth_visibility_at(maps, 1, crossing.spot, real3(-up.x, -up.y, up.z), settings);
+    }
+    return cloth_clears(v.x, crossing.unscattered) * cloth_clears(v.y, crossing.unscattered);
 }
 
 // Share of the light travelling along d that crosses the cloth at a point without being scattered. Zero footprint: the mean

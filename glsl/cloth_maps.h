@@ -86,8 +86,8 @@ CLOTH_FN real3 cloth_fibre_tangent(CLOTH_IN(ClothMaps) maps, int side, uvec2 wor
 // Both sides of texel xy of repeat `tile` as seen from `side`: "front" below is the viewer's side.
 CLOTH_FN ClothTexel cloth_texel(CLOTH_IN(ClothMaps) maps, int side, ivec2 xy, ivec2 tile, bool noise)
 {
-    uvec2 front  = cloth_fetch_texel(maps, side, xy);
-    uvec2 back   = cloth_fetch_texel(maps, 1 - side, xy);
+    uvec4 both   = cloth_fetch_texels(maps, side, xy);
+    uvec2 front  = uvec2(both.x, both.y), back = uvec2(both.z, both.w);
     real2 s_f    = cloth_decode_slopes(front.x);
     real2 s_b    = cloth_decode_slopes(back.x);
     real len_f   = cloth_area_length(s_f);
@@ -202,7 +202,7 @@ CLOTH_FN real cloth_height_at(CLOTH_IN(ClothMaps) maps, int side, uvec2 place)
 CLOTH_FN real2 cloth_mean_slopes(CLOTH_IN(ClothMaps) maps, int side, real2 tile, int level)
 {
     ivec2 size = maps.size;
-    if (level <= 0) return cloth_decode_slopes(cloth_fetch_texel(maps, side, cloth_texel_at(maps, tile)).x);
+    if (level <= 0) return cloth_decode_slopes(cloth_fetch_texels(maps, side, cloth_texel_at(maps, tile)).x);
     int offset = 0;
     for (int l = 1; l < level && (size.x > 3 || size.y > 3); ++l) {
         size = ivec2(max(size.x / 2, 1), max(size.y / 2, 1));

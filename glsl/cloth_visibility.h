@@ -30,16 +30,32 @@ CLOTH_FN real cloth_horizon_step(real s, real z)
     return clamp((z - low) / min(real(2) * cloth_horizon_soft, s + cloth_horizon_soft), real(0), real(1));
 }
 
+// V from knot k on by `part` of the way to the next.
+CLOTH_FN real cloth_horizon_between(uvec2 knots, uint k, real part, real z)
+{
+    real s = mix(cloth_horizon_knot(knots, k & 7u), cloth_horizon_knot(knots, (k + 1u) & 7u), part);
+    return cloth_horizon_step(s * (real(1) / real(255)), z);
+}
+
 // V in [0, 1] of a unit direction d, d.z > 0, in the frame of the knots' side; 0 at and below the horizontal.
 //   knots  eight, packed: one half-resolution texel
 CLOTH_FN real cloth_horizon_visibility(uvec2 knots, real3 d)
 {
     if (d.z <= real(0)) return real(0);
-    real g  = cloth_horizon_azimuth(real2(d.x, d.y));
-    real k  = floor(g);
-    uint k0 = uint(k) & 7u;
-    real s  = mix(cloth_horizon_knot(knots, k0), cloth_horizon_knot(knots, (k0 + 1u) & 7u), g - k);
-    return cloth_horizon_step(s * (real(1) / real(255)), d.z);
+    real g = cloth_horizon_azimuth(real2(d.x, d.y));
+    real k = floor(g);
+    return cloth_horizon_between(knots, uint(k), g - k, d.z);
+}
+
+// The same of a straight way through the cloth: up on the front, (-up.x, -up.y, up.z) on the back, which is half a turn away.
+//   knots  of the front xy, of the back zw;  return  V of front and back
+CLOTH_FN real2 cloth_horizon_visibilities(uvec4 knots, real3 up)
+{
+    if (up.z <= real(0)) return real2(real(0));
+    real g = cloth_horizon_azimuth(real2(up.x, up.y));
+    real k = floor(g);
+    return real2(cloth_horizon_between(uvec2(knots.x, knots.y), uint(k), g - k, up.z),
+                 cloth_horizon_between(uvec2(knots.z, knots.w), uint(k) + 4u, g - k, up.z));
 }
 
 // The paper's V: amplitude times ASG, min(1, .), with the clamp that Eq. 8 lost [0, E6].

@@ -2,7 +2,7 @@
 // interop.h, cloth.h and blocks.h. Written by app/preview/preview.cpp.
 
 uniform samplerBuffer triangle_table;    // RGBA32F, six texels a triangle: p0 t0.x | p1 t0.y | p2 t1.x | n0 t1.y | n1 t2.x | n2 t2.y
-uniform usamplerBuffer object_table;     // RGBA32UI, seven texels an object
+uniform usamplerBuffer object_table;     // RGBA32UI, six texels an object
 
 uniform isamplerBuffer tile_base_table;  // RG32I, one texel a triangle: whole repeats, for the twist noise
 
@@ -18,16 +18,15 @@ struct SceneObject {
 
 SceneObject fetch_object(int index)
 {
-    int base = index * 7;
+    int base = index * 6;
     ivec4 a = ivec4(texelFetch(object_table, base)), b = ivec4(texelFetch(object_table, base + 1));
     ivec4 c = ivec4(texelFetch(object_table, base + 2));
     uvec4 d = texelFetch(object_table, base + 3);
-    ivec4 e = ivec4(texelFetch(object_table, base + 4));
-    vec4 f  = uintBitsToFloat(texelFetch(object_table, base + 5));
-    uvec4 g = texelFetch(object_table, base + 6);
+    vec4 e  = uintBitsToFloat(texelFetch(object_table, base + 4));
+    uvec4 f = texelFetch(object_table, base + 5);
     bool matte = a.y == 0;
     return SceneObject(a.x, matte, a.z != 0, uintBitsToFloat(d.xyz), matte ? uintBitsToFloat(d.w) : 0.0, matte ? a.w - 1 : -1,
-                       ClothMaps(b.xy, b.zw, c.xy, c.zw, e.xy, e.zw, a.w, uintBitsToFloat(g.xy), f.xy, f.zw, ivec2(g.zw), uintBitsToFloat(d.w)));
+                       ClothMaps(b.xy, b.z, b.w, c.xy, c.z, c.w, a.w, uintBitsToFloat(f.xy), e.xy, e.zw, ivec2(f.zw), uintBitsToFloat(d.w)));
 }
 
 ClothTriangle fetch_triangle(int index)

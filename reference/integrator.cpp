@@ -336,6 +336,7 @@ void Renderer::find_vertices(Batch& batch, bool camera, Counters& counters) cons
                        : f32::cloth_find(maps, side, footprint_of(vertex), vertex.surface.wo, settings, random_of(k),
                                          f32::cloth_draw(random_of(k), f32::cloth_dim_pick).x);
             f32::cloth_prefetch_texels(maps, batch.point[lane].spot);
+            f32::cloth_prefetch_horizons(maps, batch.point[lane].spot);
         }
         for (std::uint32_t k = 0; k < fabrics; ++k) {
             const std::uint32_t lane = batch.found[k];
@@ -397,8 +398,7 @@ void Renderer::add_light(Batch& batch, int slot, int slots, Counters& counters) 
         batch.draw_alive({f32::cloth_dim_light, f32::cloth_dim_emitter, f32::cloth_dim_subtexel, f32::cloth_dim_lobe,
                           f32::cloth_dim_direction},
                          slot);
-    // The environment's tables are large: first one, then the other is brought for all lanes that will look there. So
-    // are the horizons.
+    // The environment's tables are large: first one, then the other is brought for all lanes that will look there.
     std::uint32_t skies = 0;
     for (std::uint32_t k = 0; k < batch.alive_count; ++k) {
         const std::uint32_t lane = batch.alive[k];
@@ -406,8 +406,6 @@ void Renderer::add_light(Batch& batch, int slot, int slots, Counters& counters) 
         make_in(batch.choice[lane], [&] {
             return f32::cloth_ask_light(lights_, slot, slots, f32::cloth_draw(random, f32::cloth_dim_light).x);
         });
-        const Vertex& vertex = batch.vertex[lane];
-        if (!vertex.shading.matte) f32::cloth_prefetch_horizons(maps_[vertex.object], vertex.shading.selection.spot);
         if (!f32::cloth_light_is(batch.choice[lane].light, f32::cloth_light_environment)) continue;
         const glm::uvec2 bits = f32::cloth_draw_bits(random, f32::cloth_dim_emitter);
         const int row = f32::cloth_environment_row(lights_, bits.y, 0.0f).at, width = lights_.environment_size.x;

@@ -435,6 +435,7 @@ void PlyScene::shade(const Entry& entry, bool leaving, glm::vec3 direction, PlyV
     selection.weight = 1;
     selection.side = 0;
     selection.spot = f32::cloth_spot_at(maps, at);
+    selection.horizons = glm::uvec4(0); // point_settings ask for none
     selection.yarn = f32::cloth_fetch_yarn(maps, mesh.yarn[entry.triangle]);
     const glm::vec2 twist = scene_.model.settings.twist_noise
                                 ? f32::cloth_twist(maps, selection.yarn.twist, selection.spot >> 2, tile)

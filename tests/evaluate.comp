@@ -21,7 +21,7 @@ void out1(int k, float v)
 
 ClothMaps in_maps()
 {
-    return ClothMaps(ivec2(MAPS_SIZE), ivec2(MAPS_TEXELS), ivec2(MAPS_HORIZONS), ivec2(MAPS_MIPS), ivec2(0), ivec2(0), 0, vec2(1.0), vec2(0.0), vec2(0.0), ivec2(1), 0.0);
+    return ClothMaps(ivec2(MAPS_SIZE), MAPS_TEXELS, MAPS_HORIZONS, ivec2(MAPS_MIPS), 0, 0, 0, vec2(1.0), vec2(0.0), vec2(0.0), ivec2(1), 0.0);
 }
 
 ClothLights in_lights()

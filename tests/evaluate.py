@@ -117,8 +117,7 @@ class GlslEvaluator:
     def bind(self, tables):
         """Puts the tables where cloth_fetch.h looks for them; returns the #defines of evaluate.comp."""
         gl = self.context.gl
-        t = [np.ascontiguousarray(side, "u4").reshape(-1, 2) for side in (*tables.texels, *tables.horizons)]
-        first = np.concatenate([[0], np.cumsum([len(part) for part in t])])
+        t = [np.hstack([np.ascontiguousarray(side, "u4").reshape(-1, 2) for side in both]) for both in (tables.texels, tables.horizons)]
         mips = [np.ascontiguousarray(side, "u4").ravel() for side in tables.mips]
         y, z = np.asarray(tables.yarns, "f4"), np.zeros((len(tables.yarns), 3), "f4")
         yarns = np.hstack([y[:, 0:3], y[:, 12:13], y[:, 3:6], y[:, 13:14], y[:, 6:9], y[:, 14:15], y[:, 9:12], np.cos(y[:, 15:16]), z, y[:, 16:17], np.zeros((len(y), 7), "f4"), np.sin(y[:, 15:16])])
@@ -129,8 +128,8 @@ class GlslEvaluator:
         alias = halves[:, 0::2] | (halves[:, 1::2] << 16)
         emitters = np.hstack([corners[:, 0:3], alias[:, :1], corners[:, 3:6], alias[:, 1:], corners[:, 6:9], 0 * alias[:, :1]])
         self.bound = [gl.buffer(np.ascontiguousarray(a).tobytes()) for a in (
-            np.concatenate(t), np.concatenate(mips), yarns, lights, np.asarray(tables.heights, "u2"), np.asarray(tables.asg, "f4"), emitters)]
-        formats = {1: gl_contexts.GL_RG32UI, 2: gl_contexts.GL_R32UI, 3: gl_contexts.GL_RGBA32F, 4: gl_contexts.GL_RGBA32F,
+            np.concatenate(t), np.concatenate(mips), yarns, lights, np.tile(np.asarray(tables.heights, "u2"), 2), np.tile(np.asarray(tables.asg, "f4"), (2, 1)), emitters)]
+        formats = {1: gl_contexts.GL_RGBA32UI, 2: gl_contexts.GL_R32UI, 3: gl_contexts.GL_RGBA32F, 4: gl_contexts.GL_RGBA32F,
                    7: gl_contexts.GL_R16UI, 8: gl_contexts.GL_RGBA32F, 9: gl_contexts.GL_RGBA32UI}
         for buffer, (unit, internal_format) in zip(self.bound, formats.items()):
             self.context.bind_buffer_texture(unit, internal_format, buffer)
@@ -139,8 +138,7 @@ class GlslEvaluator:
             texture.filter = (moderngl.NEAREST, moderngl.NEAREST)
             texture.use(unit)
             self.bound.append(texture)
-        return {"MAPS_SIZE": "%d, %d" % tables.size, "MAPS_TEXELS": f"{first[0]}, {first[1]}",
-                "MAPS_HORIZONS": f"{first[2]}, {first[3]}", "MAPS_MIPS": f"0, {len(mips[0])}",
+        return {"MAPS_SIZE": "%d, %d" % tables.size, "MAPS_TEXELS": "0", "MAPS_HORIZONS": str(len(t[0])), "MAPS_MIPS": f"0, {len(mips[0])}",
                 "LIGHTS_COUNT": str(len(lights)), "LIGHTS_SIZE": "%d, %d" % tables.environment_size}
 
     def program(self, row, defines):

@@ -364,9 +364,9 @@ def _():
     return lambda rng: np.c_[points(rng, N), yarns(rng, N), viewer(rng, N), 10 ** rng.uniform(-2, 1, N) * rng.integers(0, 2, N)], expect
 
 
-@function("interreflection", groups=(3,), strict=True)
+@function("interreflection", groups=(3, 3), strict=True)
 def _():
-    return lambda rng: units(rng, N, 4), lambda xs: oracle.interreflection(xs[:, :3], xs[:, 3])
+    return lambda rng: units(rng, N, 5), lambda xs: np.hstack([oracle.interreflection(xs[:, :3], xs[:, side]) for side in (3, 4)])
 
 
 @function("lobe_weights", strict=True)

@@ -16,7 +16,7 @@ ROW(slab_transmit, 6, 1, out1(0, cloth_slab_transmit(in1(0), in1(1), in1(2), in1
 ROW(diffuse, 7, 1, out1(0, cloth_diffuse(in3(0), in3(3), in1(6)));)
 ROW(point_value, 35, 3, out3(0, cloth_point_value(in_point(0), in_yarn(11), in3(28), in3(31), in_int(34)));)
 ROW(unscattered, 32, 1, ClothYarn y = in_yarn(11); y.beneath = in1(31); ClothPoint p = in_point(0); out1(0, cloth_unscattered(y, p.normal_f, p.tangent, in3(28)));)
-ROW(interreflection, 4, 3, out3(0, cloth_interreflection(in3(0), in1(3)));)
+ROW(interreflection, 5, 6, ClothRegained r = cloth_interreflection(in3(0), in2(3)); out3(0, r.front); out3(3, r.back);)
 ROW(lobe_weights, 17, 4, real4 w = cloth_lobe_weights(in_yarn(0)); out2(0, real2(w.x, w.y)); out2(2, real2(w.z, w.w));)
 ROW(point_pdf, 34, 1, out1(0, cloth_point_pdf(in_point(0), in_yarn(11), in3(28), in3(31)));)
 ROW(cosine_sample, 5, 3, out3(0, cloth_cosine_sample(in3(0), in2(3)));)

@@ -86,10 +86,10 @@ void SceneBuffers::upload(const Scene& scene, const Needs& needs)
 void SceneBuffers::upload_fabrics(const Scene& scene, const Needs& needs)
 {
     struct Place {
-        glm::uvec2 texels, horizons, mips, heights, asg;
-        glm::uint yarns;
+        glm::uint texels, horizons, heights, asg, yarns;
+        glm::uvec2 mips;
     };
-    std::vector<glm::uvec2> maps;
+    std::vector<glm::uvec4> maps;
     std::vector<glm::uint> mips;
     std::vector<std::uint16_t> heights;
     std::vector<glm::vec4> asg;
@@ -104,16 +104,18 @@ void SceneBuffers::upload_fabrics(const Scene& scene, const Needs& needs)
     const bool shadowed = cloth_uses_visibility(needs.model);
     for (const PackedFabric& fabric : scene.fabrics) {
         Place place{};
+        const auto add = [&](const std::vector<glm::uvec2>& front, const std::vector<glm::uvec2>& back) {
+            const std::size_t first = maps.size();
+            for (std::size_t k = 0; k < front.size(); ++k) maps.emplace_back(front[k], back[k]);
+            return word(checked(first));
+        };
+        place.texels = add(fabric.side[0].texels, fabric.side[1].texels);
+        if (shadowed) place.horizons = add(visibility_words(fabric, 0), visibility_words(fabric, 1));
+        place.heights = word(checked(heights.size()));
+        place.asg = word(checked(asg.size()));
         for (int side = 0; side < 2; ++side) {
             const PackedSide& source = fabric.side[side];
-            place.texels[side] = word(checked(maps.size()));
-            maps.insert(maps.end(), source.texels.begin(), source.texels.end());
-            place.horizons[side] = word(checked(maps.size()));
             place.mips[side] = word(checked(mips.size()));
-            place.heights[side] = word(checked(heights.size()));
-            place.asg[side] = word(checked(asg.size()));
-            const std::vector<glm::uvec2>& words = visibility_words(fabric, side);
-            if (shadowed) maps.insert(maps.end(), words.begin(), words.end());
             if (slopes) mips.insert(mips.end(), source.slope_mips.begin(), source.slope_mips.end());
             if (relief) heights.insert(heights.end(), source.heights.begin(), source.heights.end());
             if (shadowed) asg.insert(asg.end(), source.asg.begin(), source.asg.end());
@@ -122,7 +124,7 @@ void SceneBuffers::upload_fabrics(const Scene& scene, const Needs& needs)
         yarns += fabric.yarns.size();
         places.push_back(place);
     }
-    map_words.upload(GL_RG32UI, 8, maps.data(), bytes_of(maps), "fabric maps", info);
+    map_words.upload(GL_RGBA32UI, 16, maps.data(), bytes_of(maps), "fabric maps", info);
     slope_words.upload(GL_R32UI, 4, mips.data(), bytes_of(mips), "slope maps", info);
     height_words.upload(GL_R16UI, 2, heights.data(), bytes_of(heights), "height maps", info);
     asg_table.upload(GL_RGBA32F, 16, asg.data(), bytes_of(asg), "visibility maps", info);
@@ -140,7 +142,7 @@ void SceneBuffers::upload_fabrics(const Scene& scene, const Needs& needs)
         if (object.fabric < 0) {
             albedo.w = word(object.roughness);
             const glm::uvec4 none(0), first(word(first_triangle), 0, 0, word(std::size_t(object.light + 1)));
-            table.insert(table.end(), {first, none, none, albedo, none, none, none});
+            table.insert(table.end(), {first, none, none, albedo, none, none});
         } else {
             const Place& place = places[std::size_t(object.fabric)];
             const PackedFabric& fabric = scene.fabrics[std::size_t(object.fabric)];
@@ -148,10 +150,9 @@ void SceneBuffers::upload_fabrics(const Scene& scene, const Needs& needs)
             const glm::vec2 front = fabric.side[0].height_range_m, back = fabric.side[1].height_range_m;
             albedo.w = word(fabric.noise_amplitude);
             table.insert(table.end(), {{word(first_triangle), 1, gaps ? 1 : 0, place.yarns},
-                                       {size, place.texels},
-                                       {place.horizons, place.mips},
+                                       {size, place.texels, place.horizons},
+                                       {place.mips, place.heights, place.asg},
                                        albedo,
-                                       {place.heights, place.asg},
                                        {word(front.x), word(back.x), word(front.y), word(back.y)},
                                        {word(fabric.tile_m.x), word(fabric.tile_m.y), cells}});
         }

@@ -841,7 +841,7 @@ const char* const signatures[] = {
     "diffuse: direction light part > positive",
     "point_value: point yarn light viewer bool > colour",
     "unscattered: point yarn viewer thickness > share",
-    "interreflection: share_colour part > colour",
+    "interreflection: share_colour part part > colour colour",
     "lobe_weights: yarn > share share share share",
     "point_pdf: point yarn light viewer > positive",
     "cosine_sample: direction u u > unit",
