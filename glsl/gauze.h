@@ -1,4 +1,4 @@
-// Whether a camera ray passes cloth with gaps. GLSL only; visibility.frag and visibility_rays.frag include it after
+// Whether a camera ray passes cloth with gaps. GLSL only; visibility.frag includes it after
 // scene_buffers.h.
 
 //   index, triangle  what the ray meets, of the object `object`

@@ -1,19 +1,29 @@
 // What a pixel of this frame shows: radiance of its samples. The id map says what stops a pixel's ray; or, where several samples share it,
 // what it meets first, which some of them may pass. GLSL only; shade.frag and shade.comp include it after trace.h.
+//   CAMERA_RAYS  in place of the rasteriser and its id map: what a pixel sees is found here
 //   FABRIC  objects with fabric   GAPS  fabrics with gaps   MATTE  objects without   FOOTPRINT  several samples a frame
 //   LAYERS  samples walk from layer to layer: FOOTPRINT and GAPS   FOUND  the visibility pass hands over a point of every fabric
 //   CONVEX  nothing is in the way in front of a triangle   FEW_LIGHTS  LIGHT_COUNT of them, none of which has to be chosen
 //   SKY  the first of several lights is an environment, and all others of one kind, OTHER_LIGHTS, or -1
 //   EMITTERS  objects that shine   BOUNCES  paths of up to frame.random.w surfaces
 
+#ifndef CAMERA_RAYS
 uniform usampler2D id_map;
+#endif
 uvec2 seen;   // object + 1 and triangle that stopped the first sample's ray; 0: none
 
-#ifdef LAYERS
-const bool stops = false;   // the visibility pass does not know what stops a ray
+// Whether an object is known to stop the ray.
+bool stops(SceneObject object)
+{
+#if defined(LAYERS)
+    return false;   // the visibility pass does not know
+#elif defined(CAMERA_RAYS)
+    return !object.gaps;
 #else
-const bool stops = true;
+    return true;
 #endif
+}
+
 bool is_matte(SceneObject object)
 {
 #if defined(MATTE) && defined(FABRIC)
@@ -151,12 +161,11 @@ vec3 radiance(Met met, ClothShading shading, ClothRandom random)
     return sum;
 }
 
-// What a sample sees of what its ray meets.
-//   found   by the visibility pass: a point of it, see hand_over
-//   passes  gets whether the ray goes on; the rest is nothing then
-ClothShading shade(Met met, ClothRandom random, uvec2 found, out bool passes)
+// Whether a sample goes through what its ray meets.
+//   found      by the visibility pass: a point of it, see hand_over
+//   selection  gets what it sees of a fabric that stops it
+bool goes_through(Met met, ClothRandom random, uvec2 found, out ClothSelection selection)
 {
-    passes = false;
 #ifdef FABRIC
     if (!is_matte(met.object)) {
         ClothFootprint footprint = footprint_on(met.object, met.triangle, met.surface);
@@ -165,18 +174,26 @@ ClothShading shade(Met met, ClothRandom random, uvec2 found, out bool passes)
         ClothPlace place = take_over(found);
 #else
         ClothPlace place;
-#if defined(GAPS) && !defined(LAYERS)
+#if defined(GAPS) && !defined(LAYERS) && !defined(CAMERA_RAYS)
         if (handed_over(found)) place = take_over(found);
         else
 #endif
         place = cloth_find(met.object.maps, met.surface.side, footprint, met.surface.wo, frame_settings(), random, u.x);
 #endif
-        ClothSelection selection = cloth_meet(met.object.maps, met.surface.side, footprint, place, met.surface.wo, frame_settings(), u.y, stops);
-        passes = !stops && selection.passes;
-        return cloth_shade_fabric(selection, frame_settings());
+        selection = cloth_meet(met.object.maps, met.surface.side, footprint, place, met.surface.wo, frame_settings(), u.y, stops(met.object));
+        return selection.passes;
     }
 #endif
-    return cloth_shade_plain(met.object.albedo, met.object.roughness);
+    return false;
+}
+
+//   selection  of a fabric
+ClothShading shading_of(SceneObject object, ClothSelection selection)
+{
+#ifdef FABRIC
+    if (!is_matte(object)) return cloth_shade_fabric(selection, frame_settings());
+#endif
+    return cloth_shade_plain(object.albedo, object.roughness);
 }
 
 #ifdef FOOTPRINT
@@ -197,12 +214,11 @@ vec4 sum_of(ClothRay ray, ClothRandom random, uint first, uint count, Met met)
         for (uint left = walking; left != 0u; left &= left - 1u) {
             uint n          = first + uint(findLSB(left));
             ClothRandom own = layer_random(ClothRandom(random.seed, random.index + n, random.offset), met.index, met.triangle);
-            bool passes;
-            ClothShading shading = shade(met, own, uvec2(0u), passes);
-            if (passes) {
+            ClothSelection selection;
+            if (goes_through(met, own, uvec2(0u), selection)) {
                 passing |= left & -left;
             } else {
-                sum += vec4(radiance(met, shading, own), 1.0);
+                sum += vec4(radiance(met, shading_of(met.object, selection), own), 1.0);
                 if (n == 0u) seen = uvec2(uint(met.index + 1), uint(met.triangle));
             }
         }
@@ -228,24 +244,42 @@ vec4 sum_of(ClothRay ray, ClothRandom random, uint first, uint count, Met met)
 // Mean radiance and coverage of this frame's samples of a pixel.
 vec4 mean_colour(vec2 pixel_centre)
 {
-    uvec4 id     = texelFetch(id_map, ivec2(pixel_centre), 0);
-    ClothRay ray = frame_ray(pixel_centre);
-    if (id.x == 0u) {
-        seen = uvec2(0u);
-        return background(ray);
-    }
-    Met met = meet(int(id.x) - 1, int(id.y), ray);
+    ClothRay ray       = frame_ray(pixel_centre);
     ClothRandom random = ClothRandom(pixel_seed(pixel_centre), frame.random.y, 0u);
+    seen               = uvec2(0u);
+    Met met;
+    ClothRandom own;   // of the layer that is met
+    ClothSelection selection;
+#ifdef CAMERA_RAYS
+    Hit hit = Hit(-1, -1, 0.0);
+    bool passes;
+    do {
+        hit    = closest(ray.origin, ray.direction, hit);
+        passes = false;
+        if (hit.object >= 0) {
+            met = meet(hit.object, hit.triangle, ray);
+            own = layer_random(random, met.index, met.triangle);
+#ifndef FOOTPRINT
+            passes = goes_through(met, own, uvec2(0u), selection);
+#endif
+        }
+    } while (passes);
+    if (hit.object < 0) return background(ray);
+#else
+    uvec4 id = texelFetch(id_map, ivec2(pixel_centre), 0);
+    if (id.x == 0u) return background(ray);
+    met = meet(int(id.x) - 1, int(id.y), ray);
+    own = layer_random(random, met.index, met.triangle);
+#ifndef FOOTPRINT
+    goes_through(met, own, id.zw, selection);   // it does not, or the id map would say what is behind
+#endif
+#endif
 #ifdef FOOTPRINT
-    seen     = uvec2(0u);
     vec4 sum = vec4(0.0);
     for (uint first = 0u; first < frame.random.z; first += 32u) sum += sum_of(ray, random, first, min(frame.random.z - first, 32u), met);
     return sum / float(frame.random.z);
 #else
-    bool passes;
-    random = layer_random(random, met.index, met.triangle);
-    ClothShading shading = shade(met, random, id.zw, passes);
-    seen = id.xy;
-    return vec4(radiance(met, shading, random), 1.0);
+    seen = uvec2(uint(met.index + 1), uint(met.triangle));
+    return vec4(radiance(met, shading_of(met.object, selection), own), 1.0);
 #endif
 }

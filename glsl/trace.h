@@ -1,6 +1,6 @@
 // Rays against the scene's BVH in buffer textures. GLSL only; roots include it after scene_buffers.h.
 //   SHADOWS  something may be in the way of light   GAPS  what is in the way may let light through   BOUNCES  paths go on
-//   LAYERS  camera rays go on behind what they pass   CAMERA_RAYS  the visibility pass has no rasteriser
+//   LAYERS  camera rays go on behind what they pass   CAMERA_RAYS  there is no rasteriser
 
 #if defined(SHADOWS) || defined(BOUNCES) || defined(LAYERS) || defined(CAMERA_RAYS)
 uniform usamplerBuffer bvh_nodes;       // RGBA32UI, two texels a node: low xyz, skip | high xyz, leaf: first * 8 + count, 0 inner

@@ -103,7 +103,7 @@ def test_rays_find_what_the_rasteriser_finds(tmp_path, name, arguments):
     Seen red with tiles that the vertex shader of rays did not know."""
     for primary in ("raster", "rays"):
         report = render(SCENES / f"{name}.json", tmp_path / f"{primary}.exr", "--frames", 160, "--resolution", "40,40", "--primary", primary, *arguments)
-        assert ("visibility-rays" in report["passes"]) == (primary == "rays")
+        assert ("shade-rays" in report["passes"]) == (primary == "rays")
         assert ("visibility" in report["passes"] or "visibility-gaps" in report["passes"]) == (primary == "raster")
     a, b = (read(tmp_path / f"{primary}.exr")[0] for primary in ("raster", "rays"))
     assert (a["samples"] == b["samples"]).mean() > .7   # tiles end by what their pixels are
@@ -114,7 +114,7 @@ def test_rays_find_what_the_rasteriser_finds(tmp_path, name, arguments):
 def test_rays_are_for_software_gl_with_few_pixels_for_a_triangle(tmp_path):
     """16896 triangles: 67584 pixels."""
     passes = [render(SCENES / "cylinder_satin.json", tmp_path / "a.exr", "--frames", 1, "--resolution", f"{side},{side}")["passes"] for side in (40, 300)]
-    assert "visibility-rays" in passes[0] and "visibility-gaps" in passes[1]
+    assert "shade-rays" in passes[0] and "visibility-gaps" in passes[1]
 
 
 def test_sheets_in_the_same_place_are_followed_to_their_end(tmp_path):

@@ -188,7 +188,7 @@ Needs Needs::of(const Scene& scene, const BlockingShape& shape, const CameraSpec
                                  return std::all_of(f.yarns.begin(), f.yarns.end(), bends_nothing);
                              }));
     needs.compiled_model = left_out("model", true);
-    // A second search for the points that the visibility pass has found: where it has found all. Two words have no room
+    // A second search for the points that the rasteriser has found: where it has found all. Two words have no room
     // for areas.
     const bool weighs_areas = needs.model.bsdf == cloth_bsdf_meso && needs.model.weight != cloth_weight_relief;
     const bool handed_over = any_fabric && all_gaps && needs.gaps && !needs.layers() && !weighs_areas;
@@ -248,7 +248,8 @@ std::vector<std::string> Needs::defines() const
                                                   {"GAPS", gaps},
                                                   {"FOOTPRINT", several_points},
                                                   {"LAYERS", layers()},
-                                                  {"FOUND", found},
+                                                  {"FOUND", found && !camera_rays},
+                                                  {"CAMERA_RAYS", camera_rays},
                                                   {"MATTE", matte},
                                                   {"EMITTERS", emitters},
                                                   {"FEW_LIGHTS", light_count >= 0},

@@ -35,7 +35,7 @@ struct Needs {
     bool stacks = false;                  // yarns that lie over each other and bend light on its way through
     bool metal = false, emitters = false; // of objects without fabric
     bool several_points = false;          // shaded points of a pixel in a frame
-    bool found = false;                   // the visibility pass hands over a point of every fabric that it sees
+    bool found = false;                   // the rasteriser hands over a point of every fabric that it sees
     bool compiled_model = true; // the model's settings are constants of the shader, not numbers in the frame's block
     int light_kinds = 0;        // bits 1 << kind
     int light_count = -1;       // of few lights, none of which has to be chosen; -1: not known to the shader

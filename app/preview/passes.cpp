@@ -82,13 +82,6 @@ std::vector<std::string> Passes::view_defines() const
     return list;
 }
 
-std::vector<std::string> Passes::ray_defines(bool gauze) const
-{
-    std::vector<std::string> list = view_defines();
-    if (gauze) list.emplace_back("GAPS");
-    return dispatch_defines(std::move(list));
-}
-
 std::vector<std::string> Passes::dispatch_defines(std::vector<std::string> own) const
 {
     if (!computes) return own;
@@ -113,7 +106,6 @@ bool Passes::prepare(const SceneBuffers& buffers, bool waits)
         needed.push_back(&programs);
     };
     need(computes ? computed_shading : shading, defines);
-    if (camera_rays) need(computes ? computed_rays : ray_visibility, ray_defines(!buffers.gauze.empty()));
     if (!camera_rays && !buffers.opaque.empty()) need(opaque_visibility, {});
     if (!camera_rays && !buffers.gauze.empty()) need(gauze_visibility, gauze_defines());
     bool compiled = true;
@@ -141,13 +133,6 @@ void Passes::visibility(Targets& targets, const SceneBuffers& buffers)
 {
     gl.Disable(GL_SCISSOR_TEST);
     gl.Disable(GL_CULL_FACE);
-    if (camera_rays && computes) return dispatch(computed_rays.current(), targets);
-    if (camera_rays) {
-        targets.begin_camera_rays();
-        gl.UseProgram(*ray_visibility.current());
-        draw_tiles();
-        return;
-    }
     // Only while our own geometry is drawn: the window's other users expect the usual range.
     if (info.clip_control) gl.ClipControl(GL_LOWER_LEFT, GL_ZERO_TO_ONE);
     if (tile_corners == 0) {
@@ -305,9 +290,8 @@ void Passes::dispatch(const ShaderProgram& program, Targets& targets)
 
 std::vector<ProgramVariants*> Passes::all()
 {
-    return {&opaque_visibility, &gauze_visibility, &ray_visibility, &computed_rays, &shading,
-            &computed_shading,  &merging,          &presenting,     &remembering,   &carrying,
-            &judging,           &uncovering,       &keeping};
+    return {&opaque_visibility, &gauze_visibility, &shading, &computed_shading, &merging, &presenting,
+            &remembering,       &carrying,         &judging, &uncovering,       &keeping};
 }
 
 bool Passes::rebuild_if_changed()

@@ -56,7 +56,7 @@ class Passes
     // least; only where tiles end by themselves.
     void set_tiles(glm::ivec2 size, const std::vector<bool>& drawn);
 
-    void visibility(Targets& targets, const SceneBuffers& buffers);
+    void visibility(Targets& targets, const SceneBuffers& buffers); // by the rasteriser
     void shade(Targets& targets, const SceneBuffers& buffers);
     // Folds a complete block into its half's mean and clears its sum. blocks counts it.
     void merge(Targets& targets, int half, std::uint32_t block_length, std::uint32_t blocks);
@@ -87,7 +87,6 @@ class Passes
     static void set_weights(const ShaderProgram& program, const ShownWeights& weights);
     std::vector<std::string> view_defines() const;
     std::vector<std::string> gauze_defines() const;
-    std::vector<std::string> ray_defines(bool gauze) const;
     std::vector<ProgramVariants*> all();
 
     const GlInfo info;
@@ -95,9 +94,8 @@ class Passes
     std::vector<std::string> model_defines; // the model's alone
     ProgramVariants opaque_visibility{{"visibility.vert", "visibility.frag"}};
     ProgramVariants gauze_visibility{{"visibility.vert", "visibility.frag"}};
-    ProgramVariants ray_visibility{{"screen.vert", "visibility_rays.frag"}};
-    ProgramVariants computed_rays{{"visibility_rays.comp"}}, computed_shading{{"shade.comp"}};
-    ProgramVariants shading{{"screen.vert", "shade.frag"}}, merging{{"screen.vert", "merge.frag"}};
+    ProgramVariants shading{{"screen.vert", "shade.frag"}}, computed_shading{{"shade.comp"}};
+    ProgramVariants merging{{"screen.vert", "merge.frag"}};
     ProgramVariants presenting{{"screen.vert", "present.frag"}};
     ProgramVariants remembering{{"screen.vert", "remember.frag"}}, carrying{{"screen.vert", "carry.frag"}};
     ProgramVariants uncovering{{"screen.vert", "uncover.frag"}}, judging{{"screen.vert", "judge.frag"}};

@@ -289,7 +289,7 @@ bool Preview::draw_frame()
     if (needs.traces_rays() && (frame_count > 0 || options.planned > 0))
         buffers.order_bvh(camera.position, !info.software);
     buffers.bind_textures();
-    passes.visibility(targets, buffers);
+    if (!needs.camera_rays) passes.visibility(targets, buffers);
     targets.bind_textures();
     passes.shade(targets, buffers);
     if (has_past && frame_count == 0) {
@@ -431,11 +431,10 @@ std::vector<std::string> Preview::pass_names() const
 {
     std::vector<std::string> names;
     const std::string computed = computes() ? "-compute" : "";
-    if (needs.camera_rays) names.emplace_back("visibility-rays" + computed);
     if (!needs.camera_rays && !buffers.opaque.empty()) names.emplace_back("visibility");
     if (!needs.camera_rays && !buffers.gauze.empty()) names.emplace_back("visibility-gaps");
     if (has_past) names.emplace_back("carry");
-    names.emplace_back("shade" + computed);
+    names.emplace_back((needs.camera_rays ? "shade-rays" : "shade") + computed);
     names.emplace_back("merge");
     if (options.target_error > 0)
         for (const char* name : {"judge", "keep"}) names.emplace_back(name);

@@ -90,8 +90,7 @@ static void begin_writing(GLuint framebuffer, glm::ivec2 size)
 {
     gl.BindFramebuffer(GL_FRAMEBUFFER, framebuffer);
     gl.Viewport(0, 0, size.x, size.y);
-    gl.Disable(GL_DEPTH_TEST);
-    gl.Disable(GL_BLEND);
+    for (const GLenum test : {GL_DEPTH_TEST, GL_BLEND, GL_SCISSOR_TEST, GL_CULL_FACE}) gl.Disable(test);
 }
 
 static void begin_adding(GLuint framebuffer, glm::ivec2 size)
@@ -131,11 +130,6 @@ void Targets::begin_visibility()
     gl.DepthFunc(GL_GREATER);
 }
 
-void Targets::begin_camera_rays()
-{
-    begin_writing(*visibility_buffer, extent);
-}
-
 void Targets::begin_uncover()
 {
     begin_depth(1);
@@ -164,8 +158,7 @@ void Targets::begin_shade()
 
 void Targets::begin_dispatch()
 {
-    const std::pair<GLuint, GLenum> images[] = {
-        {*sum, GL_RGBA32F}, {*seen, GL_RG32UI}, {*squares, GL_RGBA32F}, {*ids, GL_RGBA32UI}};
+    const std::pair<GLuint, GLenum> images[] = {{*sum, GL_RGBA32F}, {*seen, GL_RG32UI}, {*squares, GL_RGBA32F}};
     GLuint unit = 0;
     for (const auto& [texture, format] : images)
         gl.BindImageTexture(unit++, texture, 0, GL_FALSE, 0, GL_READ_WRITE, format);

@@ -34,7 +34,6 @@ class Targets
     void bind_past() const;
 
     void begin_visibility();  // binds identities and depth, cleared: 0, infinitely far
-    void begin_camera_rays(); // binds identities alone
     void begin_uncover();     // likewise, not cleared but covered: nothing is drawn where depth is not set back
     void end_uncover();       // from now on what is nearer is drawn
     void begin_shade();       // binds the sum, to which what is drawn is added, and what stopped the rays
