@@ -44,7 +44,7 @@ inline uvec4 cloth_fetch_texels(const ClothMaps& maps, int side, ivec2 xy)
 }
 inline uvec4 cloth_fetch_horizons(const ClothMaps& maps, int side, ivec2 xy)
 {
-    int index = xy.y * (maps.size.x / 2) + xy.x;
+    int index = xy.y * (maps.size.x >> 1) + xy.x;
     return uvec4(maps.horizons[side][index], maps.horizons[1 - side][index]);
 }
 inline uvec2 cloth_fetch_visibility(const ClothMaps& maps, int side, int index)
@@ -123,7 +123,7 @@ uvec4 cloth_fetch_texels(ClothMaps maps, int side, ivec2 xy)
 }
 uvec4 cloth_fetch_horizons(ClothMaps maps, int side, ivec2 xy)
 {
-    uvec4 both = texelFetch(map_words, maps.horizons + xy.y * (maps.size.x / 2) + xy.x);
+    uvec4 both = texelFetch(map_words, maps.horizons + xy.y * (maps.size.x >> 1) + xy.x);
     return side == 0 ? both : both.zwxy;
 }
 uvec2 cloth_fetch_visibility(ClothMaps maps, int side, int index)

@@ -133,7 +133,7 @@ CLOTH_FN ClothDescent cloth_descent(CLOTH_IN(ClothMaps) maps, int side, real2 ti
     real2 all   = way * (high - low);
     real2 run   = all * (real(1) / cloth_height_top);
     real texels = max(abs(all.x) * real(maps.size.x), abs(all.y) * real(maps.size.y));
-    real count  = clamp(ceil(texels * (real(1) / cloth_march_step)), real(1), real(cloth_march_steps));
+    real count  = floor(min(texels * (real(1) / cloth_march_step), real(cloth_march_steps - 1))) + real(1);
     real step   = cloth_height_top / count;
     real z      = cloth_height_top - step * u;   // the first step ends in the relief
     return ClothDescent(start, run, step, int(count), z, cloth_wrap(start + run * z), cloth_wrap(run * -step));

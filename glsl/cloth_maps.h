@@ -110,7 +110,7 @@ CLOTH_FN int cloth_horizon_cell(int spot, int size)
 
 CLOTH_FN ivec2 cloth_horizon_at(CLOTH_IN(ClothMaps) maps, ivec2 spot)
 {
-    return ivec2(cloth_horizon_cell(spot.x, maps.size.x / 2), cloth_horizon_cell(spot.y, maps.size.y / 2));
+    return ivec2(cloth_horizon_cell(spot.x, maps.size.x >> 1), cloth_horizon_cell(spot.y, maps.size.y >> 1));
 }
 
 #ifdef __cplusplus

@@ -8,8 +8,8 @@ CLOTH_CONST real cloth_horizon_soft = real(0.06);
 CLOTH_FN real cloth_horizon_azimuth(real2 d)
 {
     real ax = abs(d.x), ay = abs(d.y);
-    real larger = max(ax, ay);
-    real t = larger > real(0) ? min(ax, ay) / larger : real(0);
+    real larger = ax < ay ? ay : ax, smaller = ax < ay ? ax : ay;   // min and max look for NaN, which llvmpipe needs three instructions for
+    real t = larger > real(0) ? smaller / larger : real(0);
     real f = t + real(0.3476) * t * (real(1) - t);
     // Mirrored at the diagonal and at the axes where d lies beyond: |0 - g| is g. No branches, which a processor could only guess.
     real g = abs(real(ax < ay) * real(2) - f);

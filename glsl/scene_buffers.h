@@ -2,7 +2,7 @@
 // interop.h, cloth.h and blocks.h. Written by app/preview/preview.cpp.
 
 uniform samplerBuffer triangle_table;    // RGBA32F, six texels a triangle: p0 t0.x | p1 t0.y | p2 t1.x | n0 t1.y | n1 t2.x | n2 t2.y
-uniform usamplerBuffer object_table;     // RGBA32UI, six texels an object
+uniform usamplerBuffer object_table;     // RGBA32UI, five texels an object
 
 uniform isamplerBuffer tile_base_table;  // RG32I, one texel a triangle: whole repeats, for the twist noise
 
@@ -18,15 +18,15 @@ struct SceneObject {
 
 SceneObject fetch_object(int index)
 {
-    int base = index * 6;
+    int base = index * 5;
     ivec4 a = ivec4(texelFetch(object_table, base)), b = ivec4(texelFetch(object_table, base + 1));
-    ivec4 c = ivec4(texelFetch(object_table, base + 2));
-    uvec4 d = texelFetch(object_table, base + 3);
-    vec4 e  = uintBitsToFloat(texelFetch(object_table, base + 4));
-    uvec4 f = texelFetch(object_table, base + 5);
-    bool matte = a.y == 0;
-    return SceneObject(a.x, matte, a.z != 0, uintBitsToFloat(d.xyz), matte ? uintBitsToFloat(d.w) : 0.0, matte ? a.w - 1 : -1,
-                       ClothMaps(b.xy, b.z, b.w, c.xy, c.z, c.w, a.w, uintBitsToFloat(f.xy), e.xy, e.zw, ivec2(f.zw), uintBitsToFloat(d.w)));
+    uvec4 c = texelFetch(object_table, base + 2);
+    vec4 d  = uintBitsToFloat(texelFetch(object_table, base + 3));
+    uvec4 e = texelFetch(object_table, base + 4);
+    bool matte = (a.y & 1) == 0;
+    float last = uintBitsToFloat(c.w);
+    return SceneObject(a.x, matte, (a.y & 2) != 0, uintBitsToFloat(c.xyz), matte ? last : 0.0, matte ? a.w - 1 : -1,
+                       ClothMaps(b.xy, b.z, b.w, ivec2(c.yz), int(c.x), a.z, a.w, uintBitsToFloat(e.xy), d.xy, d.zw, ivec2(e.zw), last));
 }
 
 ClothTriangle fetch_triangle(int index)

@@ -138,21 +138,20 @@ void SceneBuffers::upload_fabrics(const Scene& scene, const Needs& needs)
         const SceneObject& object = scene.objects[k];
         const bool gaps = lets_rays_through(scene, object);
         (gaps && !needs.layers() ? gauze : opaque).push_back(k);
-        glm::uvec4 albedo(word(object.albedo.x), word(object.albedo.y), word(object.albedo.z), 0);
         if (object.fabric < 0) {
-            albedo.w = word(object.roughness);
             const glm::uvec4 none(0), first(word(first_triangle), 0, 0, word(std::size_t(object.light + 1)));
-            table.insert(table.end(), {first, none, none, albedo, none, none});
+            const glm::uvec4 colour(word(object.albedo.x), word(object.albedo.y), word(object.albedo.z),
+                                    word(object.roughness));
+            table.insert(table.end(), {first, none, colour, none, none});
         } else {
             const Place& place = places[std::size_t(object.fabric)];
             const PackedFabric& fabric = scene.fabrics[std::size_t(object.fabric)];
             const glm::uvec2 size(fabric.size), cells(fabric.noise_cells);
             const glm::vec2 front = fabric.side[0].height_range_m, back = fabric.side[1].height_range_m;
-            albedo.w = word(fabric.noise_amplitude);
-            table.insert(table.end(), {{word(first_triangle), 1, gaps ? 1 : 0, place.yarns},
+            const glm::uint kind = gaps ? 3 : 1;
+            table.insert(table.end(), {{word(first_triangle), kind, place.asg, place.yarns},
                                        {size, place.texels, place.horizons},
-                                       {place.mips, place.heights, place.asg},
-                                       albedo,
+                                       {place.heights, place.mips, word(fabric.noise_amplitude)},
                                        {word(front.x), word(back.x), word(front.y), word(back.y)},
                                        {word(fabric.tile_m.x), word(fabric.tile_m.y), cells}});
         }
