@@ -143,13 +143,15 @@ vec4 cloth_fetch_asg(ClothMaps maps, int side, ivec2 xy, int record)
 {
     return texelFetch(asg_table, maps.asg + (((side == 0 ? 0 : maps.size.y) + xy.y) * maps.size.x + xy.x) * 2 + record);
 }
+// In the first texel is all that a straight way through a yarn asks for.
 ClothYarn cloth_fetch_yarn(ClothMaps maps, int index)
 {
     int base = (maps.yarns + index) * 7;
     vec4 a = texelFetch(yarn_table, base), b = texelFetch(yarn_table, base + 1), c = texelFetch(yarn_table, base + 2);
     vec4 d = texelFetch(yarn_table, base + 3), e = texelFetch(yarn_table, base + 4), f = texelFetch(yarn_table, base + 5);
     vec4 g = texelFetch(yarn_table, base + 6);
-    return ClothYarn(a.xyz, b.xyz, c.xyz, d.xyz, a.w, b.w, c.w, vec2(d.w, g.w), e.w, e.xyz, f.xyz, g.xyz, f.w, c.w);
+    vec2 twist = vec2(1.0 - a.w * a.w, 2.0 * a.w) * (1.0 / (1.0 + a.w * a.w));   // from the tangent of half the angle
+    return ClothYarn(b.xyz, c.xyz, d.xyz, e.xyz, b.w, a.x, a.y, twist, c.w, f.xyz, vec3(d.w, e.w, f.w), g.xyz, a.z, a.y);
 }
 ClothLight cloth_fetch_light(ClothLights lights, int index)
 {

@@ -50,7 +50,9 @@ struct ClothSelection {
     ClothYarn yarn;
     int side;               // the viewer's
     ivec2 spot;             // in quarters of a texel
+    ivec2 repeat;           // with twist noise
     uvec4 horizons;         // of the spot, the viewer's side xy; 0 for other kinds of visibility
+    real u;                 // [0, 1), which says which of two yarns over each other bends light
 };
 
 // Where in the cloth a ray's point lies: what is found by looking at the maps, small enough to be handed from pass to pass.
@@ -250,18 +252,15 @@ CLOTH_FN ClothBend cloth_bend(CLOTH_IN(ClothMaps) maps, CLOTH_IN(ClothTexel) tex
                               bool noise, real u)
 {
     if (u >= real(0.5)) return ClothBend(texel.point.tangent, yarn.albedo_t * real(2), yarn.alpha_t, yarn.thickness);
-    uvec4 both      = cloth_fetch_texels(maps, side, xy);
-    uvec2 below     = uvec2(both.z, both.w);
-    ClothYarn lower = cloth_fetch_yarn(maps, cloth_texel_yarn(below));
-    real3 tangent   = cloth_fibre_tangent(maps, 1 - side, below, cloth_decode_slopes(below.x), texel.point.normal_b, xy, tile, noise);
+    ClothYarn lower = cloth_fetch_yarn(maps, cloth_texel_yarn(texel.back));
+    real3 tangent   = cloth_fibre_tangent(maps, 1 - side, texel.back, cloth_decode_slopes(texel.back.x), texel.point.normal_b, xy, tile, noise);
     return ClothBend(cloth_mirror(tangent), lower.albedo_t * real(2), lower.alpha_t, lower.thickness);
 }
 
-// What the ray meets at a found point.
+// Whether the ray passes a found point, and what it meets there: all but which yarn bends light (cloth_stack).
 //   u       cloth_dim_pick, y
 //   stops   true where the ray is known to stop here: what hides the light behind need not be looked up again
-//   return  passes, or a point whose value times `weight` is an estimate of the effective BSDF with cosine
-CLOTH_FN ClothSelection cloth_meet(CLOTH_IN(ClothMaps) maps, int side, ClothFootprint footprint, ClothPlace place, real3 o,
+CLOTH_FN ClothSelection cloth_reach(CLOTH_IN(ClothMaps) maps, int side, ClothFootprint footprint, ClothPlace place, real3 o,
                                    ClothSettings settings, real u, bool stops)
 {
     bool meso     = settings.bsdf == cloth_bsdf_meso;
@@ -274,8 +273,8 @@ CLOTH_FN ClothSelection cloth_meet(CLOTH_IN(ClothMaps) maps, int side, ClothFoot
     result.side     = side;
     result.spot     = place.spot;
     result.horizons = cloth_spot_horizons(maps, side, place.spot, settings);   // once, for all that ask
-    ivec2 repeat  = settings.twist_noise ? footprint.base + place.repeat : ivec2(0, 0);
-    result.texel  = cloth_texel(maps, side, place.spot >> 2, repeat, settings.twist_noise);
+    result.repeat   = settings.twist_noise ? footprint.base + place.repeat : ivec2(0, 0);
+    result.texel    = cloth_texel(maps, side, place.spot >> 2, result.repeat, settings.twist_noise);
     result.yarn   = cloth_fetch_yarn(maps, result.texel.yarn);
     if (meso && settings.weight == cloth_weight_mips) result.weight = place.area / cloth_area_from_mips(maps, side, footprint, o);
     if (meso && settings.weight == cloth_weight_tile) result.weight = place.area / o.z;
@@ -300,15 +299,29 @@ CLOTH_FN ClothSelection cloth_meet(CLOTH_IN(ClothMaps) maps, int side, ClothFoot
     // whose straight way ends at the yarns behind is dark.
     if (!result.texel.gap && !result.passes)
         result.weight = u < through ? real(0) : result.weight / max(real(1) - through, real(1e-3));
-    // Of u that decided so far, what is left is uniform.
-    if (CLOTH_STACKS != 0 && result.yarn.beneath > real(0) && !result.texel.gap && !result.passes && result.weight > real(0)) {
-        ClothBend bend = cloth_bend(maps, result.texel, result.yarn, side, place.spot >> 2, repeat, settings.twist_noise,
-                                    (u - through) / max(real(1) - through, real(1e-3)));
-        result.texel.point.tangent_t = bend.tangent;
-        result.yarn.albedo_t         = bend.albedo;
-        result.yarn.alpha_t          = bend.alpha;
-        result.yarn.thickness_t      = bend.thickness;
-    }
+    result.u = (u - through) / max(real(1) - through, real(1e-3));   // of u that decided so far, what is left is uniform
+    return result;
+}
+
+// Of two yarns over each other, that which bends the light.
+CLOTH_FN void cloth_stack(CLOTH_IN(ClothMaps) maps, CLOTH_INOUT(ClothSelection) selection, ClothSettings settings)
+{
+    if (CLOTH_STACKS == 0 || !(selection.yarn.beneath > real(0)) || selection.texel.gap || selection.passes || !(selection.weight > real(0))) return;
+    ClothBend bend = cloth_bend(maps, selection.texel, selection.yarn, selection.side, selection.spot >> 2, selection.repeat, settings.twist_noise, selection.u);
+    selection.texel.point.tangent_t = bend.tangent;
+    selection.yarn.albedo_t         = bend.albedo;
+    selection.yarn.alpha_t          = bend.alpha;
+    selection.yarn.thickness_t      = bend.thickness;
+}
+
+// What the ray meets at a found point.
+//   u, stops  as cloth_reach takes them
+//   return    passes, or a point whose value times `weight` is an estimate of the effective BSDF with cosine
+CLOTH_FN ClothSelection cloth_meet(CLOTH_IN(ClothMaps) maps, int side, ClothFootprint footprint, ClothPlace place, real3 o,
+                                   ClothSettings settings, real u, bool stops)
+{
+    ClothSelection result = cloth_reach(maps, side, footprint, place, o, settings, u, stops);
+    cloth_stack(maps, result, settings);
     return result;
 }
 

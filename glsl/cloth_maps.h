@@ -12,6 +12,7 @@ struct ClothTexel {
     bool gap;
     real openness_f;       // I_p, cosine irradiance of the front [8.1]
     real openness_b;
+    uvec2 back;            // its word of the other side
 };
 
 CLOTH_FN real2 cloth_decode_slopes(uint word)
@@ -95,7 +96,7 @@ CLOTH_FN ClothTexel cloth_texel(CLOTH_IN(ClothMaps) maps, int side, ivec2 xy, iv
     real3 n_f    = cloth_slope_normal(s_f, len_f);
     real3 t      = cloth_fibre_tangent(maps, side, front, s_f, n_f, xy, tile, noise);
     return ClothTexel(ClothPoint(n_f, cloth_slope_normal(s_b, len_b), t, t, len_f, len_b), s_f, cloth_texel_yarn(front), cloth_texel_is_gap(front),
-                      real(front.y >> 24u) / real(255), real(back.y >> 24u) / real(255));
+                      real(front.y >> 24u) / real(255), real(back.y >> 24u) / real(255), back);
 }
 
 // Half-resolution texel along one axis whose horizons a spot sees: its own, or from the outermost quarter of a texel the next

@@ -5,11 +5,13 @@
 #define CLOTH_RARE_FN [[gnu::noinline]] inline   // out of the way of what is asked for often
 #define CLOTH_CONST inline constexpr
 #define CLOTH_IN(type) const type&   // a struct too large to be copied
+#define CLOTH_INOUT(type) type&
 #else
 #define CLOTH_FN
 #define CLOTH_RARE_FN
 #define CLOTH_CONST const
 #define CLOTH_IN(type) type
+#define CLOTH_INOUT(type) inout type
 #define real float
 #define real2 vec2
 #define real3 vec3

@@ -163,7 +163,7 @@ vec3 radiance(Met met, ClothShading shading, ClothRandom random)
 
 // Whether a sample goes through what its ray meets.
 //   found      by the visibility pass: a point of it, see hand_over
-//   selection  gets what it sees of a fabric that stops it
+//   selection  gets what it reaches of a fabric that stops it
 bool goes_through(Met met, ClothRandom random, uvec2 found, out ClothSelection selection)
 {
 #ifdef FABRIC
@@ -180,18 +180,25 @@ bool goes_through(Met met, ClothRandom random, uvec2 found, out ClothSelection s
 #endif
         place = cloth_find(met.object.maps, met.surface.side, footprint, met.surface.wo, frame_settings(), random, u.x);
 #endif
-        selection = cloth_meet(met.object.maps, met.surface.side, footprint, place, met.surface.wo, frame_settings(), u.y, stops(met.object));
+        selection = cloth_reach(met.object.maps, met.surface.side, footprint, place, met.surface.wo, frame_settings(), u.y, stops(met.object));
         return selection.passes;
     }
 #endif
     return false;
 }
 
-//   selection  of a fabric
+//   selection  reached, of a fabric
 ClothShading shading_of(SceneObject object, ClothSelection selection)
 {
 #ifdef FABRIC
-    if (!is_matte(object)) return cloth_shade_fabric(selection, frame_settings());
+    if (!is_matte(object)) {
+#if defined(CAMERA_RAYS) && defined(GAPS) && !defined(FOOTPRINT)
+        // The loop that the ray has been in asks of a yarn what lets light pass: the rest is for the last one alone.
+        selection.yarn = cloth_fetch_yarn(object.maps, selection.texel.yarn);
+#endif
+        cloth_stack(object.maps, selection, frame_settings());
+        return cloth_shade_fabric(selection, frame_settings());
+    }
 #endif
     return cloth_shade_plain(object.albedo, object.roughness);
 }

@@ -119,8 +119,8 @@ class GlslEvaluator:
         gl = self.context.gl
         t = [np.hstack([np.ascontiguousarray(side, "u4").reshape(-1, 2) for side in both]) for both in (tables.texels, tables.horizons)]
         mips = [np.ascontiguousarray(side, "u4").ravel() for side in tables.mips]
-        y, z = np.asarray(tables.yarns, "f4"), np.zeros((len(tables.yarns), 3), "f4")
-        yarns = np.hstack([y[:, 0:3], y[:, 12:13], y[:, 3:6], y[:, 13:14], y[:, 6:9], y[:, 14:15], y[:, 9:12], np.cos(y[:, 15:16]), z, y[:, 16:17], np.zeros((len(y), 7), "f4"), np.sin(y[:, 15:16])])
+        y, z = np.asarray(tables.yarns, "f4"), np.zeros((len(tables.yarns), 1), "f4")
+        yarns = np.hstack([y[:, 13:15], z, np.tan(y[:, 15:16] / 2), y[:, 0:3], y[:, 12:13], y[:, 3:6], y[:, 16:17], y[:, 6:9], z, y[:, 9:12], z, np.tile(z, (1, 8))])
         v, z = np.asarray(tables.lights, "f4"), np.zeros((len(tables.lights), 1), "f4")
         lights = np.hstack([v[:, 2:5], v[:, 17:18], v[:, 5:8], v[:, 18:19], v[:, 8:11], z, v[:, 11:14], z, v[:, 14:17], z, v[:, 0:2], z, z])
         e = np.ascontiguousarray(tables.emitters, "f4")

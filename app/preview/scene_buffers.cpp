@@ -166,13 +166,13 @@ void SceneBuffers::upload_yarns(const Scene& scene)
     std::vector<glm::vec4> table;
     for (const PackedFabric& fabric : scene.fabrics)
         for (const ClothYarn& yarn : fabric.yarns)
-            table.insert(table.end(), {{yarn.albedo_r, yarn.alpha_r},
-                                       {yarn.albedo_t, yarn.alpha_t},
-                                       {yarn.diffuse_r, yarn.thickness},
-                                       {yarn.diffuse_t, yarn.twist.x},
-                                       {yarn.reflectance, yarn.diffuse_mix},
-                                       {yarn.transmittance, yarn.beneath},
-                                       {yarn.albedo, yarn.twist.y}});
+            table.insert(table.end(), {{yarn.alpha_t, yarn.thickness, yarn.beneath, yarn.twist.y / (1 + yarn.twist.x)},
+                                       {yarn.albedo_r, yarn.alpha_r},
+                                       {yarn.albedo_t, yarn.diffuse_mix},
+                                       {yarn.diffuse_r, yarn.transmittance.x},
+                                       {yarn.diffuse_t, yarn.transmittance.y},
+                                       {yarn.reflectance, yarn.transmittance.z},
+                                       {yarn.albedo, 0}});
     yarn_table.upload(GL_RGBA32F, 16, table.data(), bytes_of(table), "yarns", info);
 }
 
