@@ -119,8 +119,7 @@ CLOTH_FN real cloth_area_from_mips(CLOTH_IN(ClothMaps) maps, int side, ClothFoot
 struct ClothDescent {
     real2 start;     // the ray is at `start` + `run` z, in tiles
     real2 run;
-    real step;
-    int steps;       // at most
+    real step;       // in z: no more than cloth_march_steps of them lead to the lowest height
     real z;          // of the first place, in units of the map, 0 at the lowest height
     uvec2 place;
     uvec2 down;      // a step
@@ -138,7 +137,7 @@ CLOTH_FN ClothDescent cloth_descent(CLOTH_IN(ClothMaps) maps, int side, real2 ti
     real count  = floor(min(texels * (real(1) / cloth_march_step), real(cloth_march_steps - 1))) + real(1);
     real step   = cloth_height_top / count;
     real z      = cloth_height_top - step * u;   // the first step ends in the relief
-    return ClothDescent(start, run, step, int(count), z, cloth_wrap(start + run * z), cloth_wrap(run * -step));
+    return ClothDescent(start, run, step, z, cloth_wrap(start + run * z), cloth_wrap(run * -step));
 }
 
 // Where it meets the relief, in tiles.
@@ -146,7 +145,7 @@ CLOTH_FN real2 cloth_descend(CLOTH_IN(ClothMaps) maps, int side, ClothDescent ra
 {
     real z      = ray.z;
     uvec2 place = ray.place;
-    for (int k = ray.steps; k > 0 && cloth_height_at(maps, side, place) < z; --k) {
+    while (cloth_height_at(maps, side, place) < z) {   // which no height is below 0
         z -= ray.step;
         place += ray.down;
     }

@@ -104,8 +104,7 @@ CLOTH_FN ClothTexel cloth_texel(CLOTH_IN(ClothMaps) maps, int side, ivec2 xy, iv
 // four; where in its texel a ray arrives is random.
 CLOTH_FN int cloth_horizon_cell(int spot, int size)
 {
-    int inside = spot & 3;
-    int cell   = (spot + int(inside == 3) - int(inside == 0)) >> 3;
+    int cell = (spot - 1 + ((spot >> 1) & 2)) >> 3;   // its own half of the half-resolution texel does not lead out of it
     return cell < 0 ? size - 1 : cell < size ? cell : 0;
 }
 
