@@ -35,8 +35,10 @@ light of the first bounce, a row with it (marked *all*) to that of all bounces: 
 COST = """\
 ## Cost
 
-Nanoseconds a sample on `{scene}`: the reference on one thread, the preview on {gl}. All rows are drawn in one
-process in turn, one sample of every pixel each; the ratio to `micro` is the median over the turns, with its 95 % interval.
+Nanoseconds a sample on `{scene}`: the reference on one thread, the preview on {gl}. All rows but that of the
+whole model are drawn in one process in turn, one sample of every pixel each; the ratio to `micro` is the median over the turns, with its
+95 % interval. The whole model and `micro` have five processes of their own, since what the others leave of the caches, and where a process
+puts its code and data, moves the ratio by a few percent: median, lowest and highest of them.
 """
 
 SCENES = """

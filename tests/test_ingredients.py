@@ -54,7 +54,7 @@ def test_every_model_is_measured_in_every_cell(measured):
 
 def test_the_page_names_every_model(measured):
     visibility, reflectance = measured
-    cost = {renderer: {"cylinder_satin": {model: {"nanoseconds": 100.0, "over_first": 1.0, "low": 0.9, "high": 1.1}
+    cost = {renderer: {"cylinder_satin": {model: {"nanoseconds": 100.0, "over_first": 1.0, "low": 0.9, "high": 1.1, "ratios": [1.0]}
                                             for model in ingredients.MODELS}} for renderer in ("reference", "preview")}
     figures = ingredients.figures_of(visibility, reflectance, cost, TINY)
     assert {"visibility_rms.horizon8", "close_up_error_75.sky.ours", "meso_over_micro.preview.cylinder_satin.ours"} <= set(figures)
@@ -66,7 +66,7 @@ def test_the_page_names_every_model(measured):
 
 
 def test_models_take_turns_in_both_renderers():
-    options = dict(TINY | {"side": 32, "rounds": 3, "timed": (ingredients.MICRO, ingredients.OURS)})
+    options = dict(TINY | {"side": 32, "rounds": 9, "timed": (ingredients.MICRO, ingredients.OURS)})
     cost = ingredients.measure_cost(options)
     for renderer in ("reference", "preview"):
         rows = cost[renderer][ingredients.SCENES[0]]

@@ -40,9 +40,9 @@ void Preview::find_needs()
     passes.choose(needs, options.target_error > 0, options.knows_spread, computes());
 }
 
-// Software GL prepares triangles by one core and looks gauze up that something nearer hides. Both cost the same at 2 to
-// 16 pixels a triangle, for one sample a frame of demo, layers and cylinder_satin at 96 x 96 to 512 x 512 (llvmpipe, 2
-// cores).
+// Software GL prepares triangles by one core and looks gauze up that something nearer hides. Both cost the same at 1 to
+// 4 pixels a triangle of demo, layers, curtain and curtain_fabrics, at 60 of cylinder_satin (128 x 128 to 1024 x 1024,
+// llvmpipe, 2 cores).
 bool Preview::finds_by_rays() const
 {
     if (options.finding != Finding::automatic) return options.finding == Finding::rays;
