@@ -98,9 +98,10 @@ CLOTH_FN ClothBetween cloth_between(CLOTH_IN(ClothSelection) selection, ClothSet
     ClothRegained light = cloth_interreflection(selection.yarn.albedo, real2(selection.texel.openness_f, selection.texel.openness_b));
     real3 r    = selection.yarn.reflectance * light.front;
     real3 t    = selection.yarn.transmittance * light.back;
+    // The compiler may round the luminance otherwise where it is part of the sum: never more than all of it.
     real front = cloth_luminance(r), lobe = front + cloth_luminance(t);
     real point = cloth_luminance(selection.yarn.albedo_r + selection.yarn.albedo_t + selection.yarn.diffuse_r + selection.yarn.diffuse_t);
-    return ClothBetween(r, t, lobe / max(lobe + point, real(1e-20)), front / max(lobe, real(1e-20)));
+    return ClothBetween(r, t, lobe / max(lobe + point, real(1e-20)), min(front / max(lobe, real(1e-20)), real(1)));
 }
 
 CLOTH_FN ClothShading cloth_shade_fabric(CLOTH_IN(ClothSelection) selection, ClothSettings settings)
