@@ -5,13 +5,19 @@ Seen red with SHADOWS left out of a scene of two spheres, with a light kind left
 cache that trusts a file without looking at its checksum."""
 import json
 import os
+import shutil
 import subprocess
+import sys
 
 import numpy as np
 import OpenEXR
 import pytest
 
 import evaluate
+
+sys.path.insert(0, str(evaluate.ROOT / "tests" / "bench"))
+
+import preview as preview_suite  # noqa: E402
 
 SCENES = evaluate.ROOT / "assets" / "scenes"
 CAMERA = {"position": [0, 0.4, 4], "target": [0, 0, 0], "fov": 40}
@@ -153,6 +159,19 @@ def test_buffers_hold_only_what_is_used(preview):
     lean, _ = preview(sphere, frames=1, size=8)
     kept, _ = preview(sphere, "--keep", "shadows", frames=1, size=8)
     assert lean["buffer_bytes"] < 0.7 * kept["buffer_bytes"]
+
+
+def test_the_stripped_shader_of_the_benchmarks_draws_our_picture(preview, tmp_path):
+    """What the program with everything off is held to: written by hand, it has to follow the buffers' layout."""
+    glsl = tmp_path / "glsl"
+    shutil.copytree(evaluate.ROOT / "glsl", glsl)
+    shutil.copy(preview_suite.STRIPPED, glsl / "shade.frag")
+    arguments = ("--primary", "raster", "--shade", "fragment")
+    _, ours = preview(preview_suite.BARE, *arguments)
+    _, stripped = preview(preview_suite.BARE, *arguments, environment={"SELVEDGE_GLSL": str(glsl)})
+    assert ours["R"].min() > 0
+    for name in "RGB":
+        np.testing.assert_allclose(stripped[name], ours[name], rtol=1e-5)
 
 
 # ---- programs on disk ------------------------------------------------------------------------------------------------------

@@ -21,7 +21,7 @@ void main()
     }
     vec2 ndc = 2.0 * (gl_FragCoord.xy + frame.film.zw) / frame.film.xy - 1.0;
     vec3 direction = frame.camera_forward.xyz + frame.camera_right.xyz * (ndc.x + frame.lens.x) - frame.camera_up.xyz * (ndc.y - frame.lens.y);
-    int object = (int(id.x) - 1) * 7;
+    int object = (int(id.x) - 1) * 5;
     int base   = (int(texelFetch(object_table, object).x) + int(id.y)) * 6;
     vec3 p0 = texelFetch(triangle_table, base).xyz;
     vec3 e1 = texelFetch(triangle_table, base + 1).xyz - p0, e2 = texelFetch(triangle_table, base + 2).xyz - p0;
@@ -41,7 +41,7 @@ void main()
     vec3 to       = texelFetch(light_table, 0).xyz - p;
     float dist2   = dot(to, to), cosine = dot(normal, to) * side;
     bool lit      = dist2 > 1e-20 && cosine > 0.0 && dot(front, to) * side > 0.0;
-    vec3 albedo   = uintBitsToFloat(texelFetch(object_table, object + 3).xyz);
+    vec3 albedo   = uintBitsToFloat(texelFetch(object_table, object + 2).xyz);
     vec3 radiance = albedo * texelFetch(light_table, 2).xyz * (cosine / (3.14159265 * dist2 * sqrt(dist2)));
     bool good     = lit && all(greaterThanEqual(radiance, vec3(0.0))) && all(lessThan(radiance, vec3(1e30)));
     colour        = vec4(good ? radiance : vec3(0.0), 1.0);
