@@ -167,8 +167,10 @@ def test_the_stripped_shader_of_the_benchmarks_draws_our_picture(preview, tmp_pa
     shutil.copytree(evaluate.ROOT / "glsl", glsl)
     shutil.copy(preview_suite.STRIPPED, glsl / "shade.frag")
     arguments = ("--primary", "raster", "--shade", "fragment")
-    _, ours = preview(preview_suite.BARE, *arguments)
-    _, stripped = preview(preview_suite.BARE, *arguments, environment={"SELVEDGE_GLSL": str(glsl)})
+    hidden    = {"shape": "plane", "translate": [0, -1, 0], "matte": {"albedo": [0.1, 0.2, 0.9]}}
+    scene     = preview_suite.BARE | {"objects": [hidden, *preview_suite.BARE["objects"]]}
+    _, ours = preview(scene, *arguments)
+    _, stripped = preview(scene, *arguments, environment={"SELVEDGE_GLSL": str(glsl)})
     assert ours["R"].min() > 0
     for name in "RGB":
         np.testing.assert_allclose(stripped[name], ours[name], rtol=1e-5)
