@@ -171,6 +171,12 @@ CLOTH_FN real2 cloth_footprint_tile(CLOTH_IN(ClothMaps) maps, ClothFootprint foo
     return footprint.tile + footprint.dx * xi.x + footprint.dy * xi.y + half_texel;
 }
 
+// Whether points are weighted by their areas, or the one that the relief shows is found.
+CLOTH_FN bool cloth_weighs_areas(ClothSettings settings)
+{
+    return settings.bsdf == cloth_bsdf_meso && settings.weight != cloth_weight_relief;
+}
+
 CLOTH_FN bool cloth_follows_relief(ClothSettings settings)
 {
     return settings.bsdf == cloth_bsdf_meso && settings.weight == cloth_weight_relief;
@@ -191,7 +197,7 @@ CLOTH_FN ClothPlace cloth_find(CLOTH_IN(ClothMaps) maps, int side, ClothFootprin
     real area    = real(1);
     if (cloth_follows_relief(settings)) {
         chosen = cloth_march(maps, side, chosen, o, u);
-    } else if (settings.bsdf == cloth_bsdf_meso) {
+    } else if (cloth_weighs_areas(settings)) {
         bool resample     = settings.weight == cloth_weight_resample;
         real2 u_footprint = cloth_draw(random, cloth_dim_footprint);
         real2 first    = chosen;
@@ -235,26 +241,6 @@ CLOTH_FN real cloth_clears(real v, real unscattered)
 #ifndef CLOTH_STACKS
 #define CLOTH_STACKS 1
 #endif
-
-// Fibres that bend light on its way through a point.
-struct ClothBend {
-    real3 tangent;
-    real3 albedo;
-    real alpha;
-    real thickness;
-};
-
-// Of two yarns over each other either one bends what the other lets pass [model.md]: one of the two is drawn, and counts twice. The
-// texel of the back names the same two from the other side, and so the lobe of the lower one.
-//   texel, yarn, side  of the point;  xy, tile  its place;  u  [0, 1)
-CLOTH_FN ClothBend cloth_bend(CLOTH_IN(ClothMaps) maps, CLOTH_IN(ClothTexel) texel, CLOTH_IN(ClothYarn) yarn, int side, ivec2 xy, ivec2 tile,
-                              bool noise, real u)
-{
-    if (u >= real(0.5)) return ClothBend(texel.point.tangent, yarn.albedo_t * real(2), yarn.alpha_t, yarn.thickness);
-    ClothYarn lower = cloth_fetch_yarn(maps, cloth_texel_yarn(texel.back));
-    real3 tangent   = cloth_fibre_tangent(maps, 1 - side, texel.back, cloth_decode_slopes(texel.back.x), texel.point.normal_b, xy, tile, noise);
-    return ClothBend(cloth_mirror(tangent), lower.albedo_t * real(2), lower.alpha_t, lower.thickness);
-}
 
 // Whether the ray passes a found point, and what it meets there: all but which yarn bends light (cloth_stack).
 //   u       cloth_dim_pick, y
@@ -302,15 +288,22 @@ CLOTH_FN ClothSelection cloth_reach(CLOTH_IN(ClothMaps) maps, int side, ClothFoo
     return result;
 }
 
-// Of two yarns over each other, that which bends the light.
+// Of two yarns over each other either one bends what the other lets pass [model.md]: one of the two is drawn, and counts twice. The
+// texel of the back names the same two from the other side, and so the lobe of the lower one.
 CLOTH_FN void cloth_stack(CLOTH_IN(ClothMaps) maps, CLOTH_INOUT(ClothSelection) selection, ClothSettings settings)
 {
     if (CLOTH_STACKS == 0 || !(selection.yarn.beneath > real(0)) || selection.texel.gap || selection.passes || !(selection.weight > real(0))) return;
-    ClothBend bend = cloth_bend(maps, selection.texel, selection.yarn, selection.side, selection.spot >> 2, selection.repeat, settings.twist_noise, selection.u);
-    selection.texel.point.tangent_t = bend.tangent;
-    selection.yarn.albedo_t         = bend.albedo;
-    selection.yarn.alpha_t          = bend.alpha;
-    selection.yarn.thickness_t      = bend.thickness;
+    if (selection.u < real(0.5)) {
+        uvec2 back      = selection.texel.back;
+        ClothYarn lower = cloth_fetch_yarn(maps, cloth_texel_yarn(back));
+        real3 tangent   = cloth_fibre_tangent(maps, 1 - selection.side, back, cloth_decode_slopes(back.x), selection.texel.point.normal_b,
+                                              selection.spot >> 2, selection.repeat, settings.twist_noise);
+        selection.texel.point.tangent_t = cloth_mirror(tangent);
+        selection.yarn.albedo_t         = lower.albedo_t;
+        selection.yarn.alpha_t          = lower.alpha_t;
+        selection.yarn.thickness_t      = lower.thickness;
+    }
+    selection.yarn.albedo_t *= real(2);
 }
 
 // What the ray meets at a found point.

@@ -11,5 +11,5 @@ bool passes_gauze(SceneObject object, int index, int triangle, ClothRay ray, vec
     vec2 u                   = cloth_draw(random, cloth_dim_pick);
     ClothPlace place         = cloth_find(object.maps, surface.side, footprint, surface.wo, frame_settings(), random, u.x);
     found                    = hand_over(place);
-    return cloth_meet(object.maps, surface.side, footprint, place, surface.wo, frame_settings(), u.y, false).passes;
+    return cloth_reach(object.maps, surface.side, footprint, place, surface.wo, frame_settings(), u.y, false).passes;
 }

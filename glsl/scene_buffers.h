@@ -24,7 +24,7 @@ SceneObject fetch_object(int index)
     vec4 d  = uintBitsToFloat(texelFetch(object_table, base + 3));
     uvec4 e = texelFetch(object_table, base + 4);
     bool matte = (a.y & 1) == 0;
-    float last = uintBitsToFloat(c.w);
+    float last = uintBitsToFloat(c.w);   // roughness, or amplitude of a fabric's noise
     return SceneObject(a.x, matte, (a.y & 2) != 0, uintBitsToFloat(c.xyz), matte ? last : 0.0, matte ? a.w - 1 : -1,
                        ClothMaps(b.xy, b.z, b.w, ivec2(c.yz), int(c.x), a.z, a.w, uintBitsToFloat(e.xy), d.xy, d.zw, ivec2(e.zw), last));
 }
@@ -87,15 +87,20 @@ ClothFootprint footprint_on(SceneObject object, int triangle, ClothSurface surfa
 // The visibility pass has to find a point of every cloth with gaps; the shade pass takes it from there, in two words: spot
 // with the top bit set, repeat (16 bits each; where a triangle has more repeats, float has lost their texels anyway). Not where
 // the model weighs points by area, which has no room: those are found again.
+//   FOUND  a point of every fabric is handed over
 uvec2 hand_over(ClothPlace place)
 {
-    if (MODEL_BSDF == cloth_bsdf_meso && MODEL_WEIGHT != cloth_weight_relief) return uvec2(0u);
+    if (cloth_weighs_areas(frame_settings())) return uvec2(0u);
     return uvec2(0x80000000u | uint(place.spot.y << 16) | uint(place.spot.x), uint(place.repeat.y << 16) | (uint(place.repeat.x) & 0xffffu));
 }
 
 bool handed_over(uvec2 words)
 {
+#ifdef FOUND
+    return true;
+#else
     return (words.x & 0x80000000u) != 0u;
+#endif
 }
 
 ClothPlace take_over(uvec2 words)

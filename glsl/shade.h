@@ -2,7 +2,7 @@
 // what it meets first, which some of them may pass. GLSL only; shade.frag and shade.comp include it after trace.h.
 //   CAMERA_RAYS  in place of the rasteriser and its id map: what a pixel sees is found here
 //   FABRIC  objects with fabric   GAPS  fabrics with gaps   MATTE  objects without   FOOTPRINT  several samples a frame
-//   LAYERS  samples walk from layer to layer: FOOTPRINT and GAPS   FOUND  the visibility pass hands over a point of every fabric
+//   LAYERS  samples walk from layer to layer: FOOTPRINT and GAPS
 //   CONVEX  nothing is in the way in front of a triangle   FEW_LIGHTS  LIGHT_COUNT of them, none of which has to be chosen
 //   SKY  the first of several lights is an environment, and all others of one kind, OTHER_LIGHTS, or -1
 //   EMITTERS  objects that shine   BOUNCES  paths of up to frame.random.w surfaces
@@ -170,16 +170,12 @@ bool goes_through(Met met, ClothRandom random, uvec2 found, out ClothSelection s
     if (!is_matte(met.object)) {
         ClothFootprint footprint = footprint_on(met.object, met.triangle, met.surface);
         vec2 u = cloth_draw(random, cloth_dim_pick);
-#ifdef FOUND
-        ClothPlace place = take_over(found);
-#else
         ClothPlace place;
 #if defined(GAPS) && !defined(LAYERS) && !defined(CAMERA_RAYS)
         if (handed_over(found)) place = take_over(found);
         else
 #endif
         place = cloth_find(met.object.maps, met.surface.side, footprint, met.surface.wo, frame_settings(), random, u.x);
-#endif
         selection = cloth_reach(met.object.maps, met.surface.side, footprint, place, met.surface.wo, frame_settings(), u.y, stops(met.object));
         return selection.passes;
     }

@@ -190,8 +190,8 @@ Needs Needs::of(const Scene& scene, const BlockingShape& shape, const CameraSpec
     needs.compiled_model = left_out("model", true);
     // A second search for the points that the rasteriser has found: where it has found all. Two words have no room
     // for areas.
-    const bool weighs_areas = needs.model.bsdf == cloth_bsdf_meso && needs.model.weight != cloth_weight_relief;
-    const bool handed_over = any_fabric && all_gaps && needs.gaps && !needs.layers() && !weighs_areas;
+    const bool handed_over =
+        any_fabric && all_gaps && needs.gaps && !needs.layers() && !cloth_weighs_areas(needs.model);
     needs.found = left_out("search", handed_over);
 
     for (const ClothLight& light : scene.lights) needs.light_kinds |= 1 << light.kind;

@@ -131,8 +131,6 @@ void Passes::set_frame(const block::Frame& frame)
 
 void Passes::visibility(Targets& targets, const SceneBuffers& buffers)
 {
-    gl.Disable(GL_SCISSOR_TEST);
-    gl.Disable(GL_CULL_FACE);
     // Only while our own geometry is drawn: the window's other users expect the usual range.
     if (info.clip_control) gl.ClipControl(GL_LOWER_LEFT, GL_ZERO_TO_ONE);
     if (tile_corners == 0) {

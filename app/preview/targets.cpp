@@ -50,11 +50,9 @@ void Targets::resize(glm::ivec2 size, bool with_tiles, bool with_squares, const 
         throw std::runtime_error(format_text("resolution %d,%d: %s draws at most %d pixels along a side", size.x,
                                              size.y, info.renderer.c_str(), info.texture_limit));
     extent = glm::ivec2(0);
-    ids = make_texture(GL_RGBA32UI, GL_RGBA_INTEGER, GL_UNSIGNED_INT, size);
+    for (GlName* name : {&ids, &depth, &visibility_buffer}) *name = GlName(); // made where the rasteriser is asked
     seen = make_texture(GL_RG32UI, GL_RG_INTEGER, GL_UNSIGNED_INT, size);
-    depth = make_texture(GL_DEPTH_COMPONENT32F, GL_DEPTH_COMPONENT, GL_FLOAT, size);
     sum = make_texture(GL_RGBA32F, GL_RGBA, GL_FLOAT, size);
-    visibility_buffer = make_framebuffer({*ids}, *depth);
     squares = GlName();
     if (with_squares) squares = make_texture(GL_RGBA32F, GL_RGBA, GL_FLOAT, size);
     sum_buffer = with_squares ? make_framebuffer({*sum, *seen, *squares}, 0) : make_framebuffer({*sum, *seen}, 0);
@@ -143,12 +141,16 @@ void Targets::end_uncover()
 
 void Targets::begin_depth(float depth_everywhere)
 {
-    gl.BindFramebuffer(GL_FRAMEBUFFER, *visibility_buffer);
-    gl.Viewport(0, 0, extent.x, extent.y);
+    if (!visibility_buffer) {
+        ids = make_texture(GL_RGBA32UI, GL_RGBA_INTEGER, GL_UNSIGNED_INT, extent);
+        depth = make_texture(GL_DEPTH_COMPONENT32F, GL_DEPTH_COMPONENT, GL_FLOAT, extent);
+        visibility_buffer = make_framebuffer({*ids}, *depth);
+        check_gl("identities");
+    }
+    begin_writing(*visibility_buffer, extent);
+    gl.Enable(GL_DEPTH_TEST);
     gl.DepthMask(GL_TRUE);
     gl.ClearBufferfv(GL_DEPTH, 0, &depth_everywhere);
-    gl.Enable(GL_DEPTH_TEST);
-    gl.Disable(GL_BLEND);
 }
 
 void Targets::begin_shade()
