@@ -66,6 +66,12 @@ ClothLights frame_lights()
 #endif
 }
 
+// Radiance and coverage where a ray meets nothing.
+vec4 background(ClothRay ray)
+{
+    return vec4(cloth_background(frame_lights(), normalize(ray.direction)), 0.0);
+}
+
 uint pixel_seed(vec2 pixel_centre)
 {
     uvec2 pixel = uvec2(pixel_centre);

@@ -104,7 +104,7 @@ vec3 bounced_light(SceneObject object, ClothSurface surface, ClothShading shadin
         Hit hit      = Hit(-1, -1, 0.0);
         bool passes  = true;
         while (passes) {
-            hit    = closest(ray.origin, ray.direction, hit);
+            hit    = closest(ray.origin, ray.direction, all_nodes(), hit);
             passes = false;
             if (hit.object < 0) break;
             object  = fetch_object(hit.object);
@@ -139,11 +139,6 @@ Met meet(int index, int triangle, ClothRay ray)
 {
     SceneObject object = fetch_object(index);
     return Met(index, triangle, object, cloth_surface(fetch_triangle(object.first_triangle + triangle), ray));
-}
-
-vec4 background(ClothRay ray)
-{
-    return vec4(cloth_background(frame_lights(), normalize(ray.direction)), 0.0);
 }
 
 // What stopped the ray of a sample sends back.
@@ -203,11 +198,12 @@ ClothShading shading_of(SceneObject object, ClothSelection selection)
 // All samples of a pixel in a frame have one ray, so that it is followed but once: from layer to layer, as long as a sample passes.
 //   first, count  of the samples
 //   met           the first layer
-vec4 sum_of(ClothRay ray, ClothRandom random, uint first, uint count, Met met)
+vec4 sum_of(vec2 pixel_centre, ClothRay ray, ClothRandom random, uint first, uint count, Met met)
 {
     vec4 sum     = vec4(0.0);
     uint walking = 0xffffffffu >> (32u - count);   // a bit for each sample that nothing has stopped yet
 #ifdef LAYERS
+    ivec2 nodes = nodes_of_pixel(pixel_centre);
     // By how far the walk's own distance to the first layer may be rounded otherwise.
     float distance = dot(met.surface.position - ray.origin, ray.direction) / dot(ray.direction, ray.direction) * (1.0 + 1e-6);
     Hit hit        = Hit(met.index, met.triangle, distance);
@@ -230,7 +226,7 @@ vec4 sum_of(ClothRay ray, ClothRandom random, uint first, uint count, Met met)
         if (walking != 0u) {
             // From the distance that the walk found itself: each hit is then farther than the last. Two triangles in the same place, or
             // both hit at their common edge, would else come next behind each other for ever.
-            hit = closest(ray.origin, ray.direction, hit);
+            hit = closest(ray.origin, ray.direction, nodes, hit);
             if (hit.object < 0) {
                 sum += background(ray) * float(bitCount(walking));
                 walking = 0u;
@@ -254,10 +250,11 @@ vec4 mean_colour(vec2 pixel_centre)
     ClothRandom own;   // of the layer that is met
     ClothSelection selection;
 #ifdef CAMERA_RAYS
-    Hit hit = Hit(-1, -1, 0.0);
+    ivec2 nodes = nodes_of_pixel(pixel_centre);
+    Hit hit     = Hit(-1, -1, 0.0);
     bool passes;
     do {
-        hit    = closest(ray.origin, ray.direction, hit);
+        hit    = closest(ray.origin, ray.direction, nodes, hit);
         passes = false;
         if (hit.object >= 0) {
             met = meet(hit.object, hit.triangle, ray);
@@ -279,7 +276,7 @@ vec4 mean_colour(vec2 pixel_centre)
 #endif
 #ifdef FOOTPRINT
     vec4 sum = vec4(0.0);
-    for (uint first = 0u; first < frame.random.z; first += 32u) sum += sum_of(ray, random, first, min(frame.random.z - first, 32u), met);
+    for (uint first = 0u; first < frame.random.z; first += 32u) sum += sum_of(pixel_centre, ray, random, first, min(frame.random.z - first, 32u), met);
     return sum / float(frame.random.z);
 #else
     seen = uvec2(uint(met.index + 1), uint(met.triangle));

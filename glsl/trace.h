@@ -1,34 +1,56 @@
 // Rays against the scene's BVH in buffer textures. GLSL only; roots include it after scene_buffers.h.
 //   SHADOWS  something may be in the way of light   GAPS  what is in the way may let light through   BOUNCES  paths go on
 //   LAYERS  camera rays go on behind what they pass   CAMERA_RAYS  there is no rasteriser
+//   BLOCK_SIDE  of blocks of pixels for which it is known what of the BVH their rays may meet
 
 #if defined(SHADOWS) || defined(BOUNCES) || defined(LAYERS) || defined(CAMERA_RAYS)
 uniform usamplerBuffer bvh_nodes;       // RGBA32UI, two texels a node: low xyz, skip | high xyz, leaf: first * 8 + count, 0 inner
 uniform usamplerBuffer bvh_triangles;   // RGBA32UI, three texels a triangle, in leaf order: p0, object | e1, triangle | e2, gaps
+#ifdef BLOCK_SIDE
+uniform isamplerBuffer block_nodes;     // RG32I, row by row: first node, and the one after the last
+#endif
+
+// Nodes that a ray may meet: first, and the one after the last. Of any ray:
+ivec2 all_nodes()
+{
+    return ivec2(0, frame.lights.w);
+}
+
+// Of the rays of a pixel.
+ivec2 nodes_of_pixel(vec2 pixel_centre)
+{
+#ifdef BLOCK_SIDE
+    ivec2 block = ivec2(pixel_centre) / BLOCK_SIDE;
+    return texelFetch(block_nodes, block.y * ((int(frame.film.x) + BLOCK_SIDE - 1) / BLOCK_SIDE) + block.x).xy;
+#else
+    return all_nodes();
+#endif
+}
 
 // A walk through the tree: what comes next, and the ray. Processors that run many pixels in step (software GL above all, which
 // takes every branch) pay for the dear work only as often as it happens where each loop has one kind of work: to the next
 // leaf, through its triangles, then what the cloth says to a hit.
 struct Walk {
     vec3 origin, direction, inverse;
-    int node, triangle, end;   // next node; next triangle of the leaf that was entered last
+    int node, last;       // next node, and where they end
+    int triangle, end;    // next triangle of the leaf that was entered last
 };
 
-Walk begin_walk(vec3 origin, vec3 direction)
+Walk begin_walk(vec3 origin, vec3 direction, ivec2 nodes)
 {
-    return Walk(origin, direction, 1.0 / mix(direction, vec3(1e-20), lessThan(abs(direction), vec3(1e-20))), 0, 0, 0);
+    return Walk(origin, direction, 1.0 / mix(direction, vec3(1e-20), lessThan(abs(direction), vec3(1e-20))), nodes.x, nodes.y, 0, 0);
 }
 
 bool goes_on(Walk walk)
 {
-    return walk.triangle < walk.end || walk.node < frame.lights.w;
+    return walk.triangle < walk.end || walk.node < walk.last;
 }
 
 // To the next leaf that the ray is in between `near` and `far`, unless the present one has triangles left.
 void find_leaf(inout Walk walk, float near, float far)
 {
     // Nodes lie in depth-first order: the next one is the first child; a missed node says where its subtree ends.
-    while (walk.triangle >= walk.end && walk.node < frame.lights.w) {
+    while (walk.triangle >= walk.end && walk.node < walk.last) {
         uvec4 low = texelFetch(bvh_nodes, walk.node * 2), high = texelFetch(bvh_nodes, walk.node * 2 + 1);
         vec3 t0 = (uintBitsToFloat(low.xyz) - walk.origin) * walk.inverse, t1 = (uintBitsToFloat(high.xyz) - walk.origin) * walk.inverse;
         // Which is nearer by the direction's sign: min and max look for NaN, which llvmpipe needs three instructions for.
@@ -74,10 +96,10 @@ struct Hit {
 };
 
 // The nearest triangle beyond a hit that the ray has passed, distances in lengths of its direction: Hit(-1, -1, 0.0) at its start. A triangle is not met twice.
-Hit closest(vec3 origin, vec3 direction, Hit passed)
+Hit closest(vec3 origin, vec3 direction, ivec2 nodes, Hit passed)
 {
     Hit hit   = Hit(-1, -1, cloth_far);
-    Walk walk = begin_walk(origin, direction);
+    Walk walk = begin_walk(origin, direction, nodes);
     while (goes_on(walk)) {
         find_leaf(walk, passed.distance, hit.distance);
         while (walk.triangle < walk.end) {
@@ -107,7 +129,7 @@ float share_at(int object_index, int triangle_index, vec2 b, vec3 direction)
 float transmittance(vec3 origin, vec3 direction, float distance, float least, float u)
 {
     ClothShare share = cloth_shadow_roulette(ClothShare(1.0, u), least);
-    Walk walk    = begin_walk(origin, direction);
+    Walk walk    = begin_walk(origin, direction, all_nodes());
     bool walking = share.left > 0.0;
     while (walking) {
         bool hit = false;

@@ -184,7 +184,7 @@ def test_the_report_and_the_header_say_what_was_done(tmp_path, sphere):
     assert report["samples"] == 24 * 16 * 32 and report["spp_mean"] == report["frames"] == 32
     assert report["milliseconds_per_frame"]["p95"] >= report["milliseconds_per_frame"]["median"] > 0
     assert report["gl"].keys() == {"renderer", "version", "backend"} and "peak_rss_bytes" in report and "rays" in report
-    assert report["features"] == ["MATTE", "FEW_LIGHTS"] and report["skipped"]["gaps"] and report["passes"] == ["visibility", "shade", "merge"]
+    assert report["features"] == ["FEW_LIGHTS", "MATTE"] and report["skipped"]["gaps"] and report["passes"] == ["visibility", "shade", "background", "merge"]
     assert (tmp_path / "a.png").stat().st_size > 0
     layers, header = read(tmp_path / "a.exr")
     assert {"R", "G", "B", "A", "variance.R", "variance.G", "variance.B", "samples"} <= layers.keys()

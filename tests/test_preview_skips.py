@@ -74,7 +74,7 @@ def test_the_program_that_can_do_everything_draws_the_same_bits(preview, scene, 
     assert_same_bits(picture, everything)
 
 
-@pytest.mark.parametrize("name", ["fabric", "gaps", "interreflection", "lights", "matte", "model", "noise", "search", "shadows", "stacks"])
+@pytest.mark.parametrize("name", ["fabric", "gaps", "interreflection", "lights", "matte", "model", "noise", "search", "shadows", "stacks", "unseen"])
 def test_each_skip_alone_changes_no_bit(preview, name):
     """A plane of opaque cloth without noise leaves out all but what it is made of."""
     yarn = {"spacing": 0.001, "width": 0.0012, "thickness": 20}
@@ -119,6 +119,41 @@ def test_points_are_searched_once_where_the_visibility_pass_finds_them_all(previ
     assert searched(two, "-D", "model.weight=tile")[0]
     assert searched(two, "--footprint-samples", "2")[0]
     assert not searched(two, "--bsdf", "micro")[0]
+
+
+@pytest.mark.parametrize("primary", ["raster", "rays"])
+@pytest.mark.parametrize("arguments", [(), ("--footprint-samples", "2"), ("--target-error", "0.02"), ("--integrator", "path", "--denoise")],
+                         ids=["one", "several", "tiles", "path"])
+def test_what_sees_nothing_is_not_shaded_and_no_bit_changes(preview, tmp_path, primary, arguments):
+    """Of a picture with sky behind the cloth, edges that filter and lens spread, and cloth that shows the sky and the cloth behind."""
+    sky = tmp_path / "sky.hdr"
+    subprocess.run(["oiiotool", "--pattern", "fill:topleft=4,1,0.2:topright=0.2,1,4:bottomleft=1,1,1:bottomright=0,0,0.5", "16x8", "3", "-o", sky], check=True)
+    cloth = {"name": "cloth", "pattern": "plain 1/1", "resolution": 64}
+    cloth |= dict.fromkeys(("warp", "weft"), {"spacing": 0.001, "width": 0.0007, "thickness": 1})
+    sphere = {"shape": "sphere", "scale": 0.3, "uv_scale": 0.05, "fabric": cloth}
+    scene = {"camera": CAMERA | {"lens_radius": 0.05}, "film": {"filter": "tent"},
+             "lights": [{"type": "environment", "image": "sky.hdr"}, SUN],
+             "objects": [sphere | {"translate": [-0.8, 0.3, 0.9]}, sphere | {"translate": [0.6, -0.2, 0]},
+                         {"shape": "plane", "scale": 0.2, "translate": [0.5, -0.7, 1]} | MATTE]}
+    lean, picture = preview(scene, "--primary", primary, *arguments, frames=40, size=61)
+    kept, again = preview(scene, "--primary", primary, *arguments, "--keep", "unseen", frames=40, size=61)
+    assert lean["skipped"]["unseen"] and not kept["skipped"]["unseen"]
+    assert 0.05 < (picture["A"] > 0).mean() < 0.6 and ((picture["A"] > 0) & (picture["A"] < 1)).mean() > 0.02
+    assert (picture["R"][picture["A"] == 0] > 0).mean() > 0.9
+    assert_same_bits(picture, again)
+
+
+def test_a_view_that_settles_goes_on_as_it_began(program, tmp_path):
+    """Its blocks of pixels are told apart after some frames: of a view, of one that was moved to, and where it is said how long it will be."""
+    def accumulated(name, *commands):
+        done = subprocess.run([program("drive-preview"), SCENES / "cylinder_satin.json", "96,96"], capture_output=True, text=True, timeout=300,
+                              input="\n".join([*commands, f"accumulated {tmp_path / name}"]) + "\n")
+        assert done.returncode == 0, done.stderr
+        with OpenEXR.File(str(tmp_path / name), separate_channels=True) as file:
+            return {name: channel.pixels.copy() for name, channel in file.channels().items()}
+    for k, commands in enumerate((["frames 12"], ["frames 12", "camera 0.1 0.2 0.3 0 0.02 0", "frames 12"], ["frames 3", "plan 64", "frames 12"],
+                                  ["frames 12", "resize 64 80", "frames 12"])):
+        assert_same_bits(accumulated(f"lean{k}.exr", *commands), accumulated(f"kept{k}.exr", "keep unseen", *commands))
 
 
 def test_yarns_that_reflect_nothing_but_let_light_through_still_light_each_other(preview):
@@ -182,13 +217,13 @@ def test_programs_are_compiled_once(preview, tmp_path):
     cache = tmp_path / "cache"
     environment = {"SELVEDGE_CACHE": str(cache)}
     first, picture = preview(SPHERE, environment=environment)
-    assert first["programs"] == {"compiled": 3, "cached": 0}   # visibility, shade, merge; nothing is presented
+    assert first["programs"] == {"compiled": 4, "cached": 0}   # visibility, shade, background, merge; nothing is presented
     second, again = preview(SPHERE, environment=environment)
-    assert second["programs"] == {"compiled": 0, "cached": 3}
+    assert second["programs"] == {"compiled": 0, "cached": 4}
     assert_same_bits(picture, again)
     # Another program is another file.
     third, _ = preview(SPHERE, "--keep", "shadows", "--primary", "raster", environment=environment)
-    assert third["programs"] == {"compiled": 1, "cached": 2}
+    assert third["programs"] == {"compiled": 1, "cached": 3}
 
 
 @pytest.mark.parametrize("damage", ["cut", "changed", "empty", "another driver's"])
@@ -197,7 +232,7 @@ def test_a_damaged_program_is_compiled_again(preview, tmp_path, damage):
     environment = {"SELVEDGE_CACHE": str(cache)}
     _, picture = preview(SPHERE, environment=environment)
     files = sorted((cache / "programs").iterdir())
-    assert len(files) == 3
+    assert len(files) == 4
     for path in files:
         data = bytearray(path.read_bytes())
         if damage == "cut":
@@ -210,7 +245,7 @@ def test_a_damaged_program_is_compiled_again(preview, tmp_path, damage):
             data[8:12] = (0x1234).to_bytes(4, "little")   # the format, which the checksum does not cover: the driver has to refuse it
         path.write_bytes(bytes(data))
     report, again = preview(SPHERE, environment=environment)
-    assert report["programs"] == {"compiled": 3, "cached": 0}
+    assert report["programs"] == {"compiled": 4, "cached": 0}
     assert_same_bits(picture, again)
     repaired, _ = preview(SPHERE, environment=environment)
     assert repaired["programs"]["compiled"] == 0
@@ -219,7 +254,7 @@ def test_a_damaged_program_is_compiled_again(preview, tmp_path, damage):
 def test_a_cache_that_cannot_be_written_is_no_error(preview, tmp_path):
     (tmp_path / "file").write_text("not a folder")
     report, _ = preview(SPHERE, environment={"SELVEDGE_CACHE": str(tmp_path / "file")}, frames=1)
-    assert report["programs"]["compiled"] == 3
+    assert report["programs"]["compiled"] == 4
 
 
 def test_an_unknown_part_is_refused(program, tmp_path):

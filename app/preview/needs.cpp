@@ -141,7 +141,7 @@ const std::vector<std::string>& skip_names()
 {
     static const std::vector<std::string> names = {"bounces", "emitters", "fabric", "gaps",  "interreflection",
                                                    "lights",  "matte",    "metal",  "model", "noise",
-                                                   "search",  "shadows",  "stacks"};
+                                                   "search",  "shadows",  "stacks", "unseen"};
     return names;
 }
 
@@ -193,6 +193,7 @@ Needs Needs::of(const Scene& scene, const BlockingShape& shape, const CameraSpec
     const bool handed_over =
         any_fabric && all_gaps && needs.gaps && !needs.layers() && !cloth_weighs_areas(needs.model);
     needs.found = left_out("search", handed_over);
+    needs.seen = left_out("unseen", true);
 
     for (const ClothLight& light : scene.lights) needs.light_kinds |= 1 << light.kind;
     constexpr int all_kinds = (2 << cloth_light_mesh) - 1;
@@ -236,14 +237,21 @@ std::vector<std::string> Needs::model_defines() const
     return defines;
 }
 
-std::vector<std::string> Needs::defines() const
+std::vector<std::string> Needs::light_defines() const
 {
     std::vector<std::string> list = model_defines();
     list.push_back("CLOTH_LIGHT_KINDS " + std::to_string(light_kinds));
+    list.push_back("LIGHT_COUNT " + std::to_string(light_count));
+    if (light_count >= 0) list.emplace_back("FEW_LIGHTS");
+    return list;
+}
+
+std::vector<std::string> Needs::defines() const
+{
+    std::vector<std::string> list = light_defines();
     list.push_back(metal ? "CLOTH_METAL 1" : "CLOTH_METAL 0");
     list.push_back(stacks ? "CLOTH_STACKS 1" : "CLOTH_STACKS 0");
     list.push_back("OTHER_LIGHTS " + std::to_string(other_lights));
-    list.push_back("LIGHT_COUNT " + std::to_string(light_count));
     const std::pair<const char*, bool> parts[] = {{"FABRIC", fabric},
                                                   {"GAPS", gaps},
                                                   {"FOOTPRINT", several_points},
@@ -252,7 +260,6 @@ std::vector<std::string> Needs::defines() const
                                                   {"CAMERA_RAYS", camera_rays},
                                                   {"MATTE", matte},
                                                   {"EMITTERS", emitters},
-                                                  {"FEW_LIGHTS", light_count >= 0},
                                                   {"SKY", sky},
                                                   {"SHADOWS", shadows != ShadowNeed::none},
                                                   {"CONVEX", shadows == ShadowNeed::inward},

@@ -36,6 +36,7 @@ struct Needs {
     bool metal = false, emitters = false; // of objects without fabric
     bool several_points = false;          // shaded points of a pixel in a frame
     bool found = false;                   // the rasteriser hands over a point of every fabric that it sees
+    bool seen = false;                    // pixels that see nothing are not shaded, and rays walk what they may meet
     bool compiled_model = true; // the model's settings are constants of the shader, not numbers in the frame's block
     int light_kinds = 0;        // bits 1 << kind
     int light_count = -1;       // of few lights, none of which has to be chosen; -1: not known to the shader
@@ -54,8 +55,9 @@ struct Needs {
     // Samples that share a ray pass cloth or not, each by itself: the visibility pass cannot know.
     bool layers() const { return gaps && several_points; }
     bool traces_rays() const { return shadows != ShadowNeed::none || bounces || layers() || camera_rays; }
-    // The definitions of the shaders: the model's, and all.
+    // The definitions of the shaders: the model's; those of a shader that sees lights and nothing else; all.
     std::vector<std::string> model_defines() const;
+    std::vector<std::string> light_defines() const;
     std::vector<std::string> defines() const;
 };
 

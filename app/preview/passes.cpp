@@ -3,6 +3,7 @@
 
 #include <algorithm>
 
+#include "app/preview/block_nodes.hpp"
 #include "reference/adaptive.hpp"
 
 namespace selvedge
@@ -24,19 +25,19 @@ void Passes::choose(const Needs& needs, bool tiles, bool squares, bool by_comput
     computes = by_computing;
     camera_rays = needs.camera_rays;
     defines = needs.defines();
+    light_defines = needs.light_defines();
     model_defines = needs.model_defines();
-    if (squares) defines.emplace_back("SQUARES");
+    seen_alone = needs.seen;
+    std::vector<std::string> of_picture;
+    if (squares) of_picture.emplace_back("SQUARES");
+    if (tiles) of_picture.emplace_back("TILES");
+    if (camera_rays && seen_alone) of_picture.push_back("BLOCK_SIDE " + std::to_string(block_side));
+    for (std::vector<std::string>* list : {&defines, &light_defines})
+        list->insert(list->end(), of_picture.begin(), of_picture.end());
     defines = dispatch_defines(std::move(defines));
-    tile_corners = tiles ? tile_corners : 0;
-    if (!tiles) return;
-    defines.emplace_back("TILES");
-    if (corners) return;
-    corners = GlName(GlName::Kind::buffer);
-    gl.BindVertexArray(*screen_array);
-    gl.BindBuffer(GL_ARRAY_BUFFER, *corners);
-    gl.EnableVertexAttribArray(0);
-    gl.VertexAttribPointer(0, 2, GL_FLOAT, GL_FALSE, 0, nullptr);
-    set_tiles({1, 1}, {true});
+    drawn_tiles.clear();
+    seeing_blocks.clear();
+    lay_out({1, 1});
 }
 
 // Of the passes that know nothing of the scene.
@@ -47,29 +48,74 @@ std::vector<std::string> Passes::screen_defines() const
 
 void Passes::set_tiles(glm::ivec2 size, const std::vector<bool>& drawn)
 {
-    std::vector<glm::vec2> vertices = {{-1, -1}, {3, -1}, {-1, 3}};
-    const std::size_t whole = vertices.size();
-    const int columns = (size.x + tile_side - 1) / tile_side, rows = (size.y + tile_side - 1) / tile_side;
-    const auto is_drawn = [&](int x, int y) { return drawn[static_cast<std::size_t>(y * columns + x)]; };
-    if (std::find(drawn.begin(), drawn.end(), false) != drawn.end()) {
-        // One rectangle for each run of neighbours in a row.
-        for (int y = 0; y < rows; ++y)
-            for (int x = 0, end; x < columns; x = end) {
-                end = x + 1;
-                if (!is_drawn(x, y)) continue;
-                while (end < columns && is_drawn(end, y)) ++end;
-                const glm::vec2 low = glm::vec2(glm::ivec2(x, y) * tile_side) / glm::vec2(size) * 2.0f - 1.0f;
-                const glm::vec2 high =
-                    glm::vec2(glm::min(glm::ivec2(end, y + 1) * tile_side, size)) / glm::vec2(size) * 2.0f - 1.0f;
-                for (const glm::vec2 corner : {low, {high.x, low.y}, high, low, high, {low.x, high.y}})
-                    vertices.push_back(corner);
-            }
-    }
+    drawn_tiles = drawn;
     if (computes) {
         const std::vector<std::uint8_t> flags(drawn.begin(), drawn.end());
         tile_flags.upload(GL_R8UI, 1, flags.data(), flags.size(), "tiles", info);
     }
-    tile_corners = static_cast<GLsizei>(vertices.size() - whole);
+    lay_out(size);
+}
+
+void Passes::set_blocks(glm::ivec2 size, const std::vector<bool>& seeing)
+{
+    seeing_blocks = seeing;
+    lay_out(size);
+}
+
+// Adds a rectangle for each run of neighbours in a row.
+//   is_in  of column and row
+template <typename IsIn>
+static void append_squares(std::vector<glm::vec2>& vertices, glm::ivec2 size, int side, IsIn&& is_in)
+{
+    const glm::ivec2 count = (size + (side - 1)) / side;
+    for (int y = 0; y < count.y; ++y)
+        for (int x = 0, end; x < count.x; x = end) {
+            end = x + 1;
+            if (!is_in(x, y)) continue;
+            while (end < count.x && is_in(end, y)) ++end;
+            const glm::vec2 low = glm::vec2(glm::ivec2(x, y) * side) / glm::vec2(size) * 2.0f - 1.0f;
+            const glm::vec2 high =
+                glm::vec2(glm::min(glm::ivec2(end, y + 1) * side, size)) / glm::vec2(size) * 2.0f - 1.0f;
+            for (const glm::vec2 corner : {low, {high.x, low.y}, high, low, high, {low.x, high.y}})
+                vertices.push_back(corner);
+        }
+}
+
+void Passes::lay_out(glm::ivec2 size)
+{
+    static_assert(tile_side % block_side == 0, "a block lies in one tile");
+    std::vector<glm::vec2> vertices = {{-1, -1}, {3, -1}, {-1, 3}};
+    const Run whole = {0, static_cast<GLsizei>(vertices.size())};
+    const auto append = [&](int side, auto&& is_in) {
+        const std::size_t first = vertices.size();
+        append_squares(vertices, size, side, is_in);
+        return Run{static_cast<GLint>(first), static_cast<GLsizei>(vertices.size() - first)};
+    };
+    const auto is_drawn = [&](int x, int y) {
+        const int columns = (size.x + tile_side - 1) / tile_side;
+        return drawn_tiles.empty() || drawn_tiles[static_cast<std::size_t>(y * columns + x)];
+    };
+    const auto sees = [&](int x, int y) { return seeing_blocks[static_cast<std::size_t>(y * blocks_of(size).x + x)]; };
+    const auto block_is_drawn = [&](int x, int y) {
+        return is_drawn(x * block_side / tile_side, y * block_side / tile_side);
+    };
+    const auto has_none = [](const std::vector<bool>& flags, bool value) {
+        return std::find(flags.begin(), flags.end(), value) == flags.end();
+    };
+    tile_run = has_none(drawn_tiles, false) ? whole : append(tile_side, is_drawn);
+    seeing_run = tile_run;
+    blind_run = {};
+    if (!has_none(seeing_blocks, false)) {
+        seeing_run = append(block_side, [&](int x, int y) { return block_is_drawn(x, y) && sees(x, y); });
+        blind_run = append(block_side, [&](int x, int y) { return block_is_drawn(x, y) && !sees(x, y); });
+    }
+    gl.BindVertexArray(*screen_array);
+    if (!corners) {
+        corners = GlName(GlName::Kind::buffer);
+        gl.BindBuffer(GL_ARRAY_BUFFER, *corners);
+        gl.EnableVertexAttribArray(0);
+        gl.VertexAttribPointer(0, 2, GL_FLOAT, GL_FALSE, 0, nullptr);
+    }
     gl.BindBuffer(GL_ARRAY_BUFFER, *corners);
     gl.BufferData(GL_ARRAY_BUFFER, static_cast<GLsizeiptr>(vertices.size() * sizeof vertices[0]), vertices.data(),
                   GL_DYNAMIC_DRAW);
@@ -106,6 +152,7 @@ bool Passes::prepare(const SceneBuffers& buffers, bool waits)
         needed.push_back(&programs);
     };
     need(computes ? computed_shading : shading, defines);
+    if (seen_alone && !computes) need(backdrop, light_defines);
     if (!camera_rays && !buffers.opaque.empty()) need(opaque_visibility, {});
     if (!camera_rays && !buffers.gauze.empty()) need(gauze_visibility, gauze_defines());
     bool compiled = true;
@@ -133,7 +180,7 @@ void Passes::visibility(Targets& targets, const SceneBuffers& buffers)
 {
     // Only while our own geometry is drawn: the window's other users expect the usual range.
     if (info.clip_control) gl.ClipControl(GL_LOWER_LEFT, GL_ZERO_TO_ONE);
-    if (tile_corners == 0) {
+    if (std::find(drawn_tiles.begin(), drawn_tiles.end(), false) == drawn_tiles.end()) {
         targets.begin_visibility();
     } else {
         uncovering.use(screen_defines());
@@ -164,10 +211,17 @@ void Passes::shade(Targets& targets, const SceneBuffers& buffers)
 {
     buffers.bind_textures();
     if (computes) return dispatch(computed_shading.current(), targets);
-    targets.begin_shade();
-    gl.UseProgram(*shading.current());
-    draw_tiles();
-    gl.Disable(GL_BLEND);
+    if (!seen_alone || camera_rays) {
+        targets.begin_shade();
+        draw_run(shading.current(), seeing_run);
+        if (blind_run.count > 0) draw_run(backdrop.current(), blind_run);
+    } else {
+        targets.begin_shade(true);
+        draw_run(shading.current(), tile_run);
+        targets.begin_shade(false);
+        draw_run(backdrop.current(), tile_run);
+    }
+    targets.end_shade();
 }
 
 void Passes::merge(Targets& targets, int half, std::uint32_t block_length, std::uint32_t blocks)
@@ -266,9 +320,15 @@ void Passes::draw_screen()
 
 void Passes::draw_tiles()
 {
-    if (tile_corners == 0) return draw_screen();
     gl.BindVertexArray(*screen_array);
-    gl.DrawArrays(GL_TRIANGLES, 3, tile_corners);
+    gl.DrawArrays(GL_TRIANGLES, tile_run.first, tile_run.count);
+}
+
+void Passes::draw_run(const ShaderProgram& program, Run run)
+{
+    gl.UseProgram(*program);
+    gl.BindVertexArray(*screen_array);
+    gl.DrawArrays(GL_TRIANGLES, run.first, run.count);
 }
 
 void Passes::dispatch(const ShaderProgram& program, Targets& targets)
@@ -288,8 +348,8 @@ void Passes::dispatch(const ShaderProgram& program, Targets& targets)
 
 std::vector<ProgramVariants*> Passes::all()
 {
-    return {&opaque_visibility, &gauze_visibility, &shading, &computed_shading, &merging, &presenting,
-            &remembering,       &carrying,         &judging, &uncovering,       &keeping};
+    return {&opaque_visibility, &gauze_visibility, &shading,  &computed_shading, &backdrop,   &merging,
+            &presenting,        &remembering,      &carrying, &judging,          &uncovering, &keeping};
 }
 
 bool Passes::rebuild_if_changed()

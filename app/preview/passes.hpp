@@ -55,6 +55,9 @@ class Passes
     // From now on only these tiles of a picture of that size are drawn (row by row, reference/adaptive.hpp); one at
     // least; only where tiles end by themselves.
     void set_tiles(glm::ivec2 size, const std::vector<bool>& drawn);
+    // From now on only these blocks are shaded (row by row, block_nodes.hpp): all others show what is behind
+    // everything. Only where rays find what pixels see.
+    void set_blocks(glm::ivec2 size, const std::vector<bool>& seeing);
 
     void visibility(Targets& targets, const SceneBuffers& buffers); // by the rasteriser
     void shade(Targets& targets, const SceneBuffers& buffers);
@@ -78,8 +81,16 @@ class Passes
     const std::vector<std::string>& features() const { return defines; }
 
   private:
+    // Of the vertices in `corners`.
+    struct Run {
+        GLint first = 0;
+        GLsizei count = 0;
+    };
+
+    void lay_out(glm::ivec2 size);
     void draw_screen(); // all of the viewport
     void draw_tiles();  // those of set_tiles(), all of it where nobody has set any
+    void draw_run(const ShaderProgram& program, Run run);
     void dispatch(const ShaderProgram& program, Targets& targets); // likewise, for a compute shader
     // Of a pass that is a compute shader where there are any.
     std::vector<std::string> dispatch_defines(std::vector<std::string> own) const;
@@ -91,22 +102,26 @@ class Passes
 
     const GlInfo info;
     std::vector<std::string> defines;       // of shading
+    std::vector<std::string> light_defines; // of what is behind everything
     std::vector<std::string> model_defines; // the model's alone
     ProgramVariants opaque_visibility{{"visibility.vert", "visibility.frag"}};
     ProgramVariants gauze_visibility{{"visibility.vert", "visibility.frag"}};
     ProgramVariants shading{{"screen.vert", "shade.frag"}}, computed_shading{{"shade.comp"}};
+    ProgramVariants backdrop{{"screen.vert", "background.frag"}};
     ProgramVariants merging{{"screen.vert", "merge.frag"}};
     ProgramVariants presenting{{"screen.vert", "present.frag"}};
     ProgramVariants remembering{{"screen.vert", "remember.frag"}}, carrying{{"screen.vert", "carry.frag"}};
     ProgramVariants uncovering{{"screen.vert", "uncover.frag"}}, judging{{"screen.vert", "judge.frag"}};
     ProgramVariants keeping{{"screen.vert", "keep.frag"}};
     GlName frame_block, screen_array;
-    bool camera_rays = false; // in place of the rasteriser
-    bool computes = false;    // what needs no rasteriser is done by compute shaders
-    bool tiled = false;       // tiles end by themselves:
-    GlName corners;           //   vertices of the whole screen, then of the tiles that are drawn
-    GLsizei tile_corners = 0; //   how many the tiles have; 0: all tiles are drawn
-    BufferTexture tile_flags; //   which are drawn, for compute shaders
+    bool camera_rays = false;                     // in place of the rasteriser
+    bool computes = false;                        // what needs no rasteriser is done by compute shaders
+    bool seen_alone = false;                      // what sees nothing is not shaded
+    bool tiled = false;                           // tiles end by themselves
+    std::vector<bool> drawn_tiles, seeing_blocks; // empty: all of them
+    GlName corners;                               // vertices of the whole screen, then of
+    Run tile_run, seeing_run, blind_run;          //   tiles that are drawn, and what of them is shaded and is not
+    BufferTexture tile_flags;                     // which are drawn, for compute shaders
 };
 
 } // namespace selvedge

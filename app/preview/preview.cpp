@@ -19,6 +19,10 @@ using namespace cloth::f32;
 // target; with twice as many, 4 % below.
 static constexpr std::uint32_t pilot_blocks = 2 * adaptive_pilot;
 
+// Frames after which it pays to find out what blocks of pixels see: it takes as long as two to nine frames save (demo
+// 256 x 256 nine, curtain_fabrics 512 x 512 three, cylinder_satin 256 x 256 two; llvmpipe, 2 cores).
+static constexpr std::uint32_t settling_frames = 8;
+
 // Frames from which the filter knows the noise well enough to gain by it.
 static constexpr std::uint32_t least_frames = 4;
 
@@ -37,12 +41,14 @@ void Preview::find_needs()
 {
     needs = Needs::of(scene, shape, camera, options.footprint_samples, options.max_depth, options.kept);
     needs.camera_rays = finds_by_rays();
+    // Where a processor has a thread for each pixel, those that see nothing end by themselves.
+    if (computes() && !needs.camera_rays) needs.seen = needs.skipped["unseen"] = false;
     passes.choose(needs, options.target_error > 0, options.knows_spread, computes());
 }
 
-// Software GL prepares triangles by one core and looks gauze up that something nearer hides. Both cost the same at 1 to
-// 4 pixels a triangle of demo, layers, curtain and curtain_fabrics, at 60 of cylinder_satin (128 x 128 to 1024 x 1024,
-// llvmpipe, 2 cores).
+// Software GL prepares triangles by one core and looks gauze up that something nearer hides. Both cost the same at 2
+// pixels a triangle of layers, at 5 of demo and curtain_fabrics, at more than 100 of cylinder_satin (128 x 128 to
+// 1448 x 1448, llvmpipe, 2 cores).
 bool Preview::finds_by_rays() const
 {
     if (options.finding != Finding::automatic) return options.finding == Finding::rays;
@@ -288,6 +294,16 @@ bool Preview::draw_frame()
     // While the camera moves no view has a second frame.
     if (needs.traces_rays() && (frame_count > 0 || options.planned > 0))
         buffers.order_bvh(camera.position, !info.software);
+    if (needs.camera_rays && needs.seen) {
+        if (frame_count == 0) {
+            knows_blocks = false;
+            passes.set_blocks(targets.size(), buffers.upload_blocks(targets.size()));
+        }
+        if (!knows_blocks && (frame_count >= settling_frames || options.planned >= 2 * settling_frames)) {
+            knows_blocks = true;
+            passes.set_blocks(targets.size(), buffers.upload_blocks(centre, lens_of(camera), scene.film.filter));
+        }
+    }
     buffers.bind_textures();
     if (!needs.camera_rays) passes.visibility(targets, buffers);
     targets.bind_textures();
@@ -435,6 +451,7 @@ std::vector<std::string> Preview::pass_names() const
     if (!needs.camera_rays && !buffers.gauze.empty()) names.emplace_back("visibility-gaps");
     if (has_past) names.emplace_back("carry");
     names.emplace_back((needs.camera_rays ? "shade-rays" : "shade") + computed);
+    if (needs.seen && computed.empty()) names.emplace_back("background");
     names.emplace_back("merge");
     if (options.target_error > 0)
         for (const char* name : {"judge", "keep"}) names.emplace_back(name);

@@ -7,12 +7,15 @@
 #include <limits>
 #include <stdexcept>
 
+#include "app/preview/block_nodes.hpp"
 #include "app/preview/shader_source.hpp"
 #include "bake/error.hpp"
 
 namespace selvedge
 {
 
+using cloth::f32::ClothCamera;
+using cloth::f32::ClothLens;
 using cloth::f32::ClothLight;
 using cloth::f32::ClothYarn;
 
@@ -246,7 +249,26 @@ void SceneBuffers::order_bvh(glm::vec3 eye, bool once)
     selvedge::order_bvh(bvh, eye);
     bvh_eye = eye;
     bvh_nodes.upload(GL_RGBA32UI, 16, bvh.nodes.data(), bytes_of(bvh.nodes), "BVH nodes", info);
-    if (once) bvh.nodes = {};
+}
+
+std::vector<bool> SceneBuffers::upload_blocks(glm::ivec2 resolution)
+{
+    const glm::ivec2 count = blocks_of(resolution);
+    const std::vector<glm::ivec2> ranges(std::size_t(count.x) * std::size_t(count.y), glm::ivec2(0, node_count));
+    block_nodes.upload(GL_RG32I, 8, ranges.data(), bytes_of(ranges), "blocks of pixels", info);
+    return std::vector<bool>(ranges.size(), true);
+}
+
+std::vector<bool> SceneBuffers::upload_blocks(const ClothCamera& camera, const ClothLens& lens, int filter)
+{
+    const std::size_t texels = static_cast<std::size_t>(info.buffer_texture_limit);
+    const BlockTrees trees = block_trees(bvh.nodes, camera, lens, filter, texels / 2);
+    bvh_nodes.upload(GL_RGBA32UI, 16, trees.nodes.data(), bytes_of(trees.nodes), "BVH nodes", info);
+    block_nodes.upload(GL_RG32I, 8, trees.ranges.data(), bytes_of(trees.ranges), "blocks of pixels", info);
+    std::vector<bool> any(trees.ranges.size());
+    std::transform(trees.ranges.begin(), trees.ranges.end(), any.begin(),
+                   [](glm::ivec2 range) { return range.x < range.y; });
+    return any;
 }
 
 void SceneBuffers::bind_textures() const
@@ -259,7 +281,8 @@ void SceneBuffers::bind_textures() const
         {"map_words", &map_words},         {"slope_words", &slope_words},       {"yarn_table", &yarn_table},
         {"height_words", &height_words},   {"asg_table", &asg_table},           {"tile_base_table", &tile_bases},
         {"light_table", &light_table},     {"triangle_table", &triangle_table}, {"object_table", &object_table},
-        {"emitter_table", &emitter_table}, {"bvh_nodes", &bvh_nodes},           {"bvh_triangles", &bvh_triangles}};
+        {"emitter_table", &emitter_table}, {"bvh_nodes", &bvh_nodes},           {"bvh_triangles", &bvh_triangles},
+        {"block_nodes", &block_nodes}};
     for (const auto& [name, table] : tables) bind(name, GL_TEXTURE_BUFFER, table->texture());
     bind("environment_map", GL_TEXTURE_2D, *environment_map);
     bind("inversion_map", GL_TEXTURE_2D, *inversion_map);
@@ -276,7 +299,7 @@ std::size_t SceneBuffers::bytes() const
     std::size_t total = 0;
     for (const BufferTexture* table :
          {&map_words, &slope_words, &height_words, &asg_table, &tile_bases, &yarn_table, &light_table, &triangle_table,
-          &object_table, &emitter_table, &bvh_nodes, &bvh_triangles})
+          &object_table, &emitter_table, &bvh_nodes, &bvh_triangles, &block_nodes})
         total += table->bytes();
     return total;
 }

@@ -30,6 +30,11 @@ class SceneBuffers
     // For rays from there; nothing where it is so, or where `once` and it was ordered for another eye. Shadow rays gain
     // by it as well.
     void order_bvh(glm::vec3 eye, bool once);
+    // Of the BVH as it is now, what a view's blocks of pixels may meet: all of it, or what they see (block_nodes.hpp).
+    //   return  of each block, whether there is anything
+    std::vector<bool> upload_blocks(glm::ivec2 resolution);
+    std::vector<bool> upload_blocks(const cloth::f32::ClothCamera& camera, const cloth::f32::ClothLens& lens,
+                                    int filter);
 
     void bind_textures() const;
     void bind_object(std::size_t index) const; // vertex array of an object
@@ -51,9 +56,9 @@ class SceneBuffers
     GlInfo info;
     std::vector<Object> objects;
     BufferTexture map_words, slope_words, height_words, asg_table, tile_bases, yarn_table, light_table, triangle_table,
-        object_table, emitter_table, bvh_nodes, bvh_triangles;
+        object_table, emitter_table, bvh_nodes, bvh_triangles, block_nodes;
     GlName environment_map, inversion_map;
-    Bvh bvh; // without the triangles; empty where it is not ordered again
+    Bvh bvh; // without the triangles
     std::optional<glm::vec3> bvh_eye;
 };
 

@@ -160,6 +160,7 @@ inline constexpr Binding texture_units[] = {
     {"seen_map", 20},
     {"denoised_map", 21},
     {"drawn_tiles", 22},
+    {"block_nodes", 23},
 };
 GLint texture_unit(const char* name);
 

@@ -145,6 +145,8 @@ void Targets::begin_depth(float depth_everywhere)
         ids = make_texture(GL_RGBA32UI, GL_RGBA_INTEGER, GL_UNSIGNED_INT, extent);
         depth = make_texture(GL_DEPTH_COMPONENT32F, GL_DEPTH_COMPONENT, GL_FLOAT, extent);
         visibility_buffer = make_framebuffer({*ids}, *depth);
+        gl.BindFramebuffer(GL_FRAMEBUFFER, *sum_buffer);
+        gl.FramebufferTexture2D(GL_FRAMEBUFFER, GL_DEPTH_ATTACHMENT, GL_TEXTURE_2D, *depth, 0);
         check_gl("identities");
     }
     begin_writing(*visibility_buffer, extent);
@@ -156,6 +158,23 @@ void Targets::begin_depth(float depth_everywhere)
 void Targets::begin_shade()
 {
     begin_adding(*sum_buffer, extent);
+}
+
+void Targets::begin_shade(bool found)
+{
+    begin_shade();
+    gl.Enable(GL_DEPTH_TEST);
+    gl.DepthMask(GL_FALSE);
+    gl.DepthRange(0, 0); // whatever is drawn lies infinitely far away, as does what the rasteriser has left
+    gl.DepthFunc(found ? GL_LESS : GL_EQUAL);
+}
+
+void Targets::end_shade()
+{
+    gl.Disable(GL_BLEND);
+    gl.Disable(GL_DEPTH_TEST);
+    gl.DepthMask(GL_TRUE);
+    gl.DepthRange(0, 1);
 }
 
 void Targets::begin_dispatch()

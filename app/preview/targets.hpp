@@ -33,10 +33,13 @@ class Targets
     void begin_carry();    // binds what is found again
     void bind_past() const;
 
-    void begin_visibility();  // binds identities and depth, cleared: 0, infinitely far
-    void begin_uncover();     // likewise, not cleared but covered: nothing is drawn where depth is not set back
-    void end_uncover();       // from now on what is nearer is drawn
-    void begin_shade();       // binds the sum, to which what is drawn is added, and what stopped the rays
+    void begin_visibility(); // binds identities and depth, cleared: 0, infinitely far
+    void begin_uncover();    // likewise, not cleared but covered: nothing is drawn where depth is not set back
+    void end_uncover();      // from now on what is nearer is drawn
+    void begin_shade();      // binds the sum, to which what is drawn is added, and what stopped the rays
+    // Likewise, but draws only where the rasteriser has found something, or nothing; until end_shade().
+    void begin_shade(bool found);
+    void end_shade();
     void begin_dispatch();    // binds identities, sum, what stopped the rays and squares for compute shaders
     void begin_merge();       // binds a mean, spread and rest that no half has
     void end_merge(int half); // gives them to the half

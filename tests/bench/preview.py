@@ -24,8 +24,8 @@ BARE = {"camera": {"position": [0, 1, 0.01], "target": [0, 0, 0], "fov": 40}, "f
         "lights": [{"type": "point", "position": [0.3, 0.5, 0.2], "intensity": [2, 2, 2]}],
         "objects": [{"shape": "plane", "scale": 4, "matte": {"albedo": [0.5, 0.4, 0.3]}}]}
 # Where each part is left out; matte and fabric alone.
-SKIPS = {"plane_plain": ("lights", "matte", "model", "search", "shadows"), "cylinder_satin": ("lights", "matte", "model", "shadows"),
-         "sphere_matte": ("fabric", "gaps", "lights", "shadows"), "demo": ("lights", "model")}
+SKIPS = {"plane_plain": ("lights", "matte", "model", "search", "shadows"), "cylinder_satin": ("lights", "matte", "model", "shadows", "unseen"),
+         "sphere_matte": ("fabric", "gaps", "lights", "shadows"), "demo": ("lights", "model", "unseen")}
 LONG = {"frames": 24, "rounds": 5, "turns": 200, "side": 256, "bare_side": 512, "resolutions": {"512": (512, 512), "1080p": (1920, 1080), "4K": (3840, 2160)},
         "pixels": 2.0e8, "equal_frames": 4096, "equal_size": 64}
 SHORT = LONG | {"frames": 6, "rounds": 3, "turns": 40, "resolutions": {"512": (512, 512)}, "pixels": 1.5e6, "equal_size": 48}

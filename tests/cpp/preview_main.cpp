@@ -1,14 +1,16 @@
 // selvedge-drive-preview SCENE.json WIDTH,HEIGHT: the preview moved and edited by commands on stdin, one a line, as the
 // window does it. For the tests and benchmarks only.
-//   camera PX PY PZ TX TY TZ     look from P to T
-//   frames N                     draw N frames;  plan N  how many there will be of a view
-//   accumulated OUT.exr          the accumulated picture, as --headless writes it
-//   shown OUT.exr                what is on show, through the display transform at exposure 0;  denoised OUT.exr
-//   filtered knows-spread 0|1             of frames, which the filter needs light INDEX R G B            radiance of a
-//   light;  yarn INDEX R G B  albedo of all yarn types of a fabric model KEY VALUE              bsdf, weight,
-//   visibility, ...: numbers of ClothSettings resize WIDTH HEIGHT          either may be 0 reproject 0|1;  max-depth N
-//   surfaces along a path target SEED ERROR            starts anew; tiles end by themselves at that error now waits for
-//   the driver and prints seconds since the last `now`
+// - camera PX PY PZ TX TY TZ: look from P to T
+// - frames N: draw N frames; plan N: how many there will be of a view
+// - accumulated OUT.exr: the accumulated picture, as --headless writes it
+// - shown OUT.exr: what is on show, through the display transform at exposure 0; denoised OUT.exr: filtered
+// - knows-spread 0|1: of frames, which the filter needs
+// - light INDEX R G B: radiance of a light; yarn INDEX R G B: albedo of all yarn types of a fabric
+// - model KEY VALUE: bsdf, weight, visibility, ...: numbers of ClothSettings
+// - resize WIDTH HEIGHT: either may be 0
+// - reproject 0|1; max-depth N: surfaces along a path; keep NAME: do that part's work, needed or not
+// - target SEED ERROR: starts anew; tiles end by themselves at that error
+// - now: waits for the driver and prints seconds since the last `now`
 #include <chrono>
 #include <cstdio>
 #include <iostream>
@@ -114,6 +116,10 @@ void drive(Scene& scene, Preview& preview, PreviewOptions& options)
             preview.set_options(options);
         } else if (verb == "max-depth") {
             words >> options.max_depth;
+            preview.set_options(options);
+        } else if (verb == "keep") {
+            words >> text;
+            options.kept.insert(text);
             preview.set_options(options);
         } else if (verb == "target") {
             words >> options.seed >> options.target_error;
