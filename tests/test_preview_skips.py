@@ -137,7 +137,8 @@ def test_what_sees_nothing_is_not_shaded_and_no_bit_changes(preview, tmp_path, p
                          {"shape": "plane", "scale": 0.2, "translate": [0.5, -0.7, 1]} | MATTE]}
     lean, picture = preview(scene, "--primary", primary, *arguments, frames=40, size=61)
     kept, again = preview(scene, "--primary", primary, *arguments, "--keep", "unseen", frames=40, size=61)
-    assert lean["skipped"]["unseen"] and not kept["skipped"]["unseen"]
+    shared = primary == "rays" and "--footprint-samples" in arguments   # rays that few walk
+    assert lean["skipped"]["unseen"] != shared and not kept["skipped"]["unseen"]
     assert 0.05 < (picture["A"] > 0).mean() < 0.6 and ((picture["A"] > 0) & (picture["A"] < 1)).mean() > 0.02
     assert (picture["R"][picture["A"] == 0] > 0).mean() > 0.9
     assert_same_bits(picture, again)

@@ -2,6 +2,7 @@
 #include "app/preview/passes.hpp"
 
 #include <algorithm>
+#include <utility>
 
 #include "app/preview/block_nodes.hpp"
 #include "reference/adaptive.hpp"
@@ -35,6 +36,7 @@ void Passes::choose(const Needs& needs, bool tiles, bool squares, bool by_comput
     for (std::vector<std::string>* list : {&defines, &light_defines})
         list->insert(list->end(), of_picture.begin(), of_picture.end());
     defines = dispatch_defines(std::move(defines));
+    backdrop_drawn = false;
     drawn_tiles.clear();
     seeing_blocks.clear();
     lay_out({1, 1});
@@ -84,8 +86,8 @@ static void append_squares(std::vector<glm::vec2>& vertices, glm::ivec2 size, in
 void Passes::lay_out(glm::ivec2 size)
 {
     static_assert(tile_side % block_side == 0, "a block lies in one tile");
-    std::vector<glm::vec2> vertices = {{-1, -1}, {3, -1}, {-1, 3}};
-    const Run whole = {0, static_cast<GLsizei>(vertices.size())};
+    std::vector<glm::vec2> vertices = {{-1, -1}, {3, -1}, {-1, 3}, {-1, -1}, {-1, -1}, {-1, -1}};
+    const Run whole = {0, 3};
     const auto append = [&](int side, auto&& is_in) {
         const std::size_t first = vertices.size();
         append_squares(vertices, size, side, is_in);
@@ -215,6 +217,8 @@ void Passes::shade(Targets& targets, const SceneBuffers& buffers)
         targets.begin_shade();
         draw_run(shading.current(), seeing_run);
         if (blind_run.count > 0) draw_run(backdrop.current(), blind_run);
+        // Software GL compiles a program when it is first drawn with: not when a view settles.
+        if (seen_alone && !std::exchange(backdrop_drawn, true)) draw_run(backdrop.current(), empty_run);
     } else {
         targets.begin_shade(true);
         draw_run(shading.current(), tile_run);

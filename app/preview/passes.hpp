@@ -119,8 +119,10 @@ class Passes
     bool seen_alone = false;                      // what sees nothing is not shaded
     bool tiled = false;                           // tiles end by themselves
     std::vector<bool> drawn_tiles, seeing_blocks; // empty: all of them
-    GlName corners;                               // vertices of the whole screen, then of
+    static constexpr Run empty_run{3, 3};         // of no area
+    GlName corners;                               // vertices of the whole screen, of empty_run, then of
     Run tile_run, seeing_run, blind_run;          //   tiles that are drawn, and what of them is shaded and is not
+    bool backdrop_drawn = false;                  // the driver has compiled it, too
     BufferTexture tile_flags;                     // which are drawn, for compute shaders
 };
 

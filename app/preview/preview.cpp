@@ -41,8 +41,9 @@ void Preview::find_needs()
 {
     needs = Needs::of(scene, shape, camera, options.footprint_samples, options.max_depth, options.kept);
     needs.camera_rays = finds_by_rays();
-    // Where a processor has a thread for each pixel, those that see nothing end by themselves.
-    if (computes() && !needs.camera_rays) needs.seen = needs.skipped["unseen"] = false;
+    // Where a processor has a thread for each pixel, those that see nothing end by themselves; where samples share a
+    // ray, what it walks is little beside them.
+    if (needs.camera_rays ? needs.several_points : computes()) needs.seen = needs.skipped["unseen"] = false;
     passes.choose(needs, options.target_error > 0, options.knows_spread, computes());
 }
 
@@ -299,7 +300,7 @@ bool Preview::draw_frame()
             knows_blocks = false;
             passes.set_blocks(targets.size(), buffers.upload_blocks(targets.size()));
         }
-        if (!knows_blocks && (frame_count >= settling_frames || options.planned >= 2 * settling_frames)) {
+        if (!knows_blocks && frame_count >= settling_frames) {
             knows_blocks = true;
             passes.set_blocks(targets.size(), buffers.upload_blocks(centre, lens_of(camera), scene.film.filter));
         }
