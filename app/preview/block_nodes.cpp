@@ -16,6 +16,10 @@ namespace
 // Of a place in space or of a direction, relative: six times the spacing of floats.
 constexpr float rounding = 4e-7f;
 
+// Least share that a box's nearest depth is of its farthest, if it is to have a place in the picture: below, rounding
+// spreads it over whole blocks.
+constexpr float least_depth = 1e-3f;
+
 struct Blocks {
     glm::ivec2 first{0}, last{-1}; // both included
     bool anywhere = false;         // the box is too near for a picture of it
@@ -55,7 +59,7 @@ class View
         float nearest = corner.x, farthest = corner.x;
         for (const glm::vec3& edge : along) (edge.x < 0 ? nearest : farthest) += edge.x;
         if (!(farthest > 0)) return result;
-        result.anywhere = !(nearest > 1e-3f * farthest);
+        result.anywhere = !(nearest > least_depth * farthest);
         if (result.anywhere) return result;
         glm::vec2 from(std::numeric_limits<float>::max()), to(-std::numeric_limits<float>::max());
         for (unsigned which = 0; which < 8; ++which) {
@@ -182,10 +186,9 @@ BlockTrees block_trees(const std::vector<BvhNode>& scene, const ClothCamera& cam
     TreeBuilder builder(trees.nodes);
     trees.ranges.reserve(all);
     for (const std::vector<Part>& own : parts) {
-        const bool whole = own.size() == 1 && own[0].node == 0;
-        const std::size_t first = whole ? 0 : trees.nodes.size();
-        if (!own.empty() && !whole) builder.append(own.data(), own.size());
-        trees.ranges.emplace_back(int(first), int(whole ? scene.size() : trees.nodes.size()));
+        const std::size_t first = trees.nodes.size();
+        if (!own.empty()) builder.append(own.data(), own.size());
+        trees.ranges.emplace_back(int(first), int(trees.nodes.size()));
     }
     return trees;
 }

@@ -296,14 +296,9 @@ bool Preview::draw_frame()
     if (needs.traces_rays() && (frame_count > 0 || options.planned > 0))
         buffers.order_bvh(camera.position, !info.software);
     if (needs.camera_rays && needs.seen) {
-        if (frame_count == 0) {
-            knows_blocks = false;
-            passes.set_blocks(targets.size(), buffers.upload_blocks(targets.size()));
-        }
-        if (!knows_blocks && frame_count >= settling_frames) {
-            knows_blocks = true;
+        if (frame_count == 0) passes.set_blocks(targets.size(), buffers.upload_blocks(targets.size()));
+        if (frame_count == settling_frames)
             passes.set_blocks(targets.size(), buffers.upload_blocks(centre, lens_of(camera), scene.film.filter));
-        }
     }
     buffers.bind_textures();
     if (!needs.camera_rays) passes.visibility(targets, buffers);

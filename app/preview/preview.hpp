@@ -146,7 +146,6 @@ class Preview
     cloth::f32::ClothCamera past{};             // of the remembered view
     bool has_past = false, has_carried = false; // a view is remembered; its picture is found again in the present one
     std::uint32_t view_count = 0;               // that were looked at: each has random numbers of its own
-    bool knows_blocks = false;                  // it has been found out what blocks of pixels see
     bool stale = true;                          // what is accumulated belongs to something that has changed
     std::uint32_t frame_count = 0, block_count = 0, length = 1;
     std::uint32_t denoised_frames = 0; // that the filtered picture on show was made from; 0: there is none

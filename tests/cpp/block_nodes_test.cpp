@@ -169,7 +169,7 @@ TEST_CASE("blocks share the whole tree where their own would be too large", "[pr
     CHECK(share(bvh, outside, 2 * bvh.nodes.size() + 1000));
 }
 
-TEST_CASE("triangles in one place make no deep tree", "[preview]")
+TEST_CASE("of triangles in one place the same one is met", "[preview]")
 {
     SceneObject object;
     object.mesh.positions = {{0, 0, 0}, {0.3f, 0, 0}, {0, 0.3f, 0}};
